@@ -1,0 +1,93 @@
+"""What is drawn per episode, by which key, and the three splits.
+
+A split is a stream of keys: the two highest bits name the split, the others are the episode's number. So the splits are
+disjoint by construction. Validation and test episodes of the shipped scenarios are frozen in files besides, so that no
+change of a generator can touch them.
+"""
+
+import hashlib
+import io
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenario import SPLITS, Scenario, ScenarioError, Split, SplitName
+
+#: Number of episodes of the train split.
+TRAIN_EPISODES = 2**62
+
+#: Columns of a table of episodes, one row an episode: ``key``, ``start``, ``budget`` and those of the mission.
+Columns = dict[str, NDArray[np.generic]]
+
+
+def split_size(scenario: Scenario, split: SplitName) -> int:
+    """Return the number of episodes of ``split``."""
+    return TRAIN_EPISODES if split == "train" else _fixed(scenario, split).episodes
+
+
+def check_split(split: object) -> SplitName:
+    """Return ``split`` when there is such a split, else raise a ValueError that says so."""
+    for name in SPLITS:
+        if split == name:
+            return name
+    raise ValueError(f"split: {split!r} is not one of {', '.join(SPLITS)}")
+
+
+def check_number(scenario: Scenario, split: SplitName, number: object) -> int:
+    """Return ``number`` as an int when ``split`` has such an episode, else raise a ValueError that says so."""
+    size = split_size(scenario, split)
+    if isinstance(number, bool) or not isinstance(number, int | np.integer):
+        raise ValueError(f"episode: {number!r} is not an integer")
+    if not 0 <= number < size:
+        raise ValueError(f"episode: {number} is out of range; {scenario.id} has {split} episodes 0 to {size - 1}")
+    return int(number)
+
+
+def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """Return the keys of the episodes ``numbers`` of ``split``."""
+    return np.uint64(SPLITS.index(split) << 62) | numbers.astype(np.uint64)
+
+
+def _fixed(scenario: Scenario, split: str) -> Split:
+    return scenario.splits.test if split == "test" else scenario.splits.validation
+
+
+def frozen_columns(scenario: Scenario, split: str) -> Columns | None:
+    """Return the frozen episodes of ``split``; None when it has no file.
+
+    Raises
+    ------
+    ScenarioError
+        When the file is missing, or its SHA-256 is not the scenario's.
+    """
+    if split == "train":
+        return None
+    fixed = _fixed(scenario, split)
+    if fixed.file is None or fixed.sha256 is None:
+        return None
+    return _read_frozen(scenario.path, split, scenario.path.parent / fixed.file, fixed.sha256)
+
+
+@lru_cache(maxsize=32)
+def _read_frozen(scenario: Path, split: str, path: Path, sha256: str) -> Columns:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ScenarioError(f"{scenario}: splits.{split}.file: cannot read {path}: {error}") from None
+    found = hashlib.sha256(content).hexdigest()
+    if found != sha256:
+        raise ScenarioError(f"{scenario}: splits.{split}.sha256: {path} has {found}: it is not the frozen file")
+    with np.load(io.BytesIO(content), allow_pickle=False) as table:
+        columns: Columns = {name: table[name] for name in table.files}
+    for column in columns.values():
+        column.flags.writeable = False
+    return columns
+
+
+def frozen_bytes(columns: Columns) -> bytes:
+    """Return the file that freezes ``columns``: uncompressed, so that the same episodes give the same bytes."""
+    buffer = io.BytesIO()
+    np.savez(buffer, allow_pickle=False, **{name: columns[name] for name in sorted(columns)})
+    return buffer.getvalue()

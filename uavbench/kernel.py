@@ -1,0 +1,45 @@
+"""The decorator of every compiled function, and the place where machine code is cached.
+
+Numba looks only at the file of a function to decide whether its cached machine code is still good, but kernels call
+kernels of other files. So the cache folder is named by a digest of the whole package: a change anywhere compiles anew.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+
+def _cache_folder() -> Path:
+    """Return the cache folder of exactly these sources: in the package where it is writable, else in the user's cache."""
+    package = Path(__file__).resolve().parent
+    digest = hashlib.sha256()
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.read_bytes())
+    name = f"kernels-{digest.hexdigest()[:16]}"
+    inside = package / "__pycache__"
+    if os.access(inside if inside.is_dir() else package, os.W_OK):
+        return inside / name
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "uavbench" / name
+
+
+_CACHE_FOLDER = str(_cache_folder())
+
+
+def kernel(function: _F) -> _F:
+    """Compile ``function`` with Numba in nopython mode, cached on disk.
+
+    No ``fastmath``: results must not depend on how a compiler reorders sums (ADR 3).
+    """
+    config = cast("Any", numba).config
+    before = config.CACHE_DIR
+    config.CACHE_DIR = before or _CACHE_FOLDER  # a user's NUMBA_CACHE_DIR wins
+    try:
+        return cast("Any", numba).njit(cache=True, error_model="numpy")(function)
+    finally:
+        config.CACHE_DIR = before

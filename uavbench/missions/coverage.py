@@ -1,0 +1,209 @@
+"""Coverage path planning (CPP): fly so that the camera sees every target cell.
+
+Source: the paper's Sections II-B and V; the targets are those of uavSim.
+"""
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.city import City, city_of, look
+from uavbench.episode import Columns
+from uavbench.kernel import kernel
+from uavbench.keyed import CONTENT, stream
+from uavbench.missions.shapes import draw_shapes
+from uavbench.scenario import Coverage, Scenario, ScenarioError
+from uavbench.state import State
+
+_ATTEMPTS = 10_000  # redraws of the shapes before the scenario is refused; the paper's need about 3
+
+
+class CoverageMission:
+    """CPP for a batch of episodes; all its state is the target map.
+
+    Attributes
+    ----------
+    views : ndarray of uint64, shape (M, N)
+        What the camera sees from each cell: see `camera_views`.
+    """
+
+    option = "targets"
+
+    def __init__(self, scenario: Scenario, parameters: Coverage, city: City) -> None:
+        self._name = str(scenario.path)
+        self._parameters = parameters
+        self._city = city
+        self._collect_reward = scenario.rewards.collect
+        self.views = camera_views(scenario)
+
+    def sample(self, state: State, index: NDArray[np.int64]) -> None:
+        """Draw targets: random shapes, redrawn until they cover the right part of all cells, less the buildings."""
+        low, high = self._parameters.target_fraction
+        fewest, most = self._parameters.shapes
+        if not _sample(state, index, self._city.building, fewest, most, low, high, _ATTEMPTS):
+            raise ScenarioError(
+                f"{self._name}: mission.target_fraction: {fewest} to {most} shapes did not cover {low} to {high} of the "
+                f"cells (with one outside buildings) in {_ATTEMPTS} attempts: widen it, or change mission.shapes"
+            )
+
+    def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
+        """Return the target maps as packed bits, shape (len(index), ⌈MN/8⌉)."""
+        return {"targets": np.packbits(state.target[index].reshape(len(index), -1) > 0, axis=1)}
+
+    def restore(self, state: State, index: NDArray[np.int64], columns: Columns) -> None:
+        """Set target maps from packed bits."""
+        rows, cols = self._city.shape
+        bits = np.unpackbits(columns["targets"].astype(np.uint8), axis=1, count=rows * cols)
+        state.target[index] = bits.reshape(-1, rows, cols)
+        state.total[index] = state.remaining[index] = bits.sum(axis=1)
+
+    def parse(self, value: Any) -> Columns:
+        """Turn a mask of targets, shape (M, N), into columns."""
+        mask = np.asarray(value)
+        if mask.shape != self._city.shape:
+            raise ValueError(f"targets: the mask has shape {mask.shape}, the map {self._city.shape}")
+        if not np.isin(mask, (0, 1)).all():
+            raise ValueError("targets: the mask holds values other than 0 and 1 (or False and True)")
+        wrong = np.argwhere(mask.astype(bool) & self._city.building)
+        if len(wrong):
+            raise ValueError(f"targets: cell {tuple(wrong[0].tolist())} is a building; buildings cannot be targets")
+        if not mask.any():
+            raise ValueError("targets: the mask is empty; at least one cell must be a target")
+        return {"targets": np.packbits(mask.astype(bool).reshape(1, -1), axis=1)}
+
+    def collect(self, state: State) -> None:
+        """Cover what the cameras see, and add r_c per newly covered cell to the rewards."""
+        _collect(state, self.views, self._parameters.camera_size // 2, self._collect_reward)
+
+    def view(self, i: int) -> Mapping[str, NDArray[Any]]:  # noqa: ARG002
+        """Return nothing: the target map says it all."""
+        return {}
+
+
+def camera_views(scenario: Scenario) -> NDArray[np.uint64]:
+    """Return what the camera sees from each cell of a CPP scenario.
+
+    Returns
+    -------
+    ndarray of uint64, shape (M, N), read-only
+        Bit (i · s + j) of a cell is 1 where row i, column j of the s×s square around it is on the map, not a building
+        and visible from the cell (s the camera's size).
+    """
+    assert isinstance(scenario.mission, Coverage)
+    return _views(city_of(scenario), scenario.mission.camera_size // 2)
+
+
+def camera_gain(scenario: Scenario, target: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return how many cells of the target map, shape (M, N), the camera would newly cover from each cell."""
+    assert isinstance(scenario.mission, Coverage)
+    return _gain(camera_views(scenario), scenario.mission.camera_size // 2, target)
+
+
+@lru_cache(maxsize=32)
+def _views(city: City, reach: int) -> NDArray[np.uint64]:
+    views = _all_views(city.building, reach)
+    views.flags.writeable = False
+    return views
+
+
+@kernel
+def _all_views(building: NDArray[np.bool_], reach: int) -> NDArray[np.uint64]:
+    """Look around from every cell."""
+    rows, cols = building.shape
+    views = np.zeros((rows, cols), dtype=np.uint64)
+    seen = np.zeros((rows, cols), dtype=np.bool_)
+    for r in range(rows):
+        for c in range(cols):
+            look(building, r, c, 2 * reach, seen)  # the square's corners are 2 · reach moves away
+            bit = np.uint64(1)
+            for y in range(r - reach, r + reach + 1):
+                for x in range(c - reach, c + reach + 1):
+                    if 0 <= y < rows and 0 <= x < cols and seen[y, x] and not building[y, x]:
+                        views[r, c] |= bit
+                    bit <<= np.uint64(1)
+            seen[max(0, r - 2 * reach) : r + 2 * reach + 1, max(0, c - 2 * reach) : c + 2 * reach + 1] = False
+    return views
+
+
+@kernel
+def _sample(
+    state: State,
+    index: NDArray[np.int64],
+    building: NDArray[np.bool_],
+    fewest: int,
+    most: int,
+    low: float,
+    high: float,
+    attempts: int,
+) -> bool:
+    """Draw the targets of the slots ``index``; return whether every one succeeded."""
+    cursor = np.empty(1, dtype=np.uint64)
+    grid = np.empty(building.shape, dtype=np.uint8)
+    cells = building.size
+    for i in index:
+        cursor[0] = stream(state.key[i], CONTENT)
+        left = 0
+        for _ in range(attempts):
+            painted, _placed = draw_shapes(cursor, fewest, most, grid)
+            if low * cells <= painted <= high * cells:
+                left = _keep(grid, building, state.target[i])
+                if left > 0:
+                    break
+        if left == 0:
+            return False
+        state.total[i] = state.remaining[i] = left
+    return True
+
+
+@kernel
+def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32]) -> int:
+    """Make the painted cells that are not buildings the targets; return their number."""
+    left = 0
+    for r in range(grid.shape[0]):
+        painted, walls, kept = grid[r], building[r], target[r]
+        for c in range(len(painted)):
+            keep = painted[c] & ~walls[c] & 1
+            kept[c] = keep
+            left += keep
+    return left
+
+
+@kernel
+def _collect(state: State, views: NDArray[np.uint64], reach: int, reward: float) -> None:
+    """Cover what each UAV that flies on sees."""
+    side = 2 * reach + 1
+    for i in range(len(state.done)):
+        if state.done[i]:
+            continue
+        r, c = state.position[i, 0], state.position[i, 1]
+        view = views[r, c]
+        gain = 0
+        for y in range(side):
+            for x in range(side):
+                # The view first: it never shows a cell off the map.
+                if view & np.uint64(1) and state.target[i, r + y - reach, c + x - reach] > 0.0:
+                    state.target[i, r + y - reach, c + x - reach] = 0.0
+                    gain += 1
+                view >>= np.uint64(1)
+        state.remaining[i] -= gain
+        state.reward[i] += reward * gain
+
+
+@kernel
+def _gain(views: NDArray[np.uint64], reach: int, target: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Count the targets that the camera sees from each cell."""
+    rows, cols = views.shape
+    side = 2 * reach + 1
+    gain = np.zeros((rows, cols), dtype=np.int32)
+    for r in range(rows):
+        for c in range(cols):
+            view = views[r, c]
+            for y in range(side):
+                for x in range(side):
+                    if view & np.uint64(1) and target[r + y - reach, c + x - reach] > 0.0:
+                        gain[r, c] += 1
+                    view >>= np.uint64(1)
+    return gain

@@ -1,0 +1,23 @@
+"""Where the shipped scenarios and baselines are, in a wheel and in a checkout alike."""
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def _folder(name: str) -> Path:
+    """Return the folder ``name``: inside the installed package, or beside it in a checkout."""
+    for root in (_PACKAGE, _PACKAGE.parent):
+        if (root / name).is_dir():
+            return root / name
+    raise FileNotFoundError(f"{name}/ is neither in {_PACKAGE} nor beside it: the installation is incomplete")
+
+
+def scenario_paths() -> dict[str, Path]:
+    """Return the file of every shipped scenario, by id, in alphabetical order."""
+    return {path.stem: path for path in sorted(_folder("scenarios").glob("*.toml"))}
+
+
+def baseline_paths() -> dict[str, Path]:
+    """Return the file of every shipped baseline agent, by name, in alphabetical order."""
+    return {path.stem: path for path in sorted(_folder("baselines").glob("*.py"))}

@@ -1,0 +1,362 @@
+"""What a scenario is: everything fixed under one id. Load, validate, identify.
+
+Source: the paper's Section V and Tables III and IV; the values of the shipped scenarios stand in ``scenarios/*.toml``.
+"""
+
+import difflib
+import hashlib
+import json
+import tomllib
+from collections import deque
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from uavbench import resources
+
+FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
+
+SplitName = Literal["train", "validation", "test"]
+SPLITS: tuple[SplitName, ...] = ("train", "validation", "test")
+
+
+class ScenarioError(ValueError):
+    """A scenario that cannot be used; the message names the file, the field and the reason."""
+
+
+class _Record(BaseModel):
+    """A frozen record that refuses unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    """Refuse a range turned around."""
+    if bounds[0] > bounds[1]:
+        raise ValueError(f"the lower bound {bounds[0]} exceeds the upper bound {bounds[1]}: write [low, high]")
+    return bounds
+
+
+_Count = Annotated[int, Field(ge=1, le=30_000)]
+_Devices = Annotated[int, Field(ge=1, le=100)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_Finite = Annotated[float, Field(allow_inf_nan=False)]
+_Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Rewards(_Record):
+    """The terms of the reward (paper Section III-C).
+
+    Attributes
+    ----------
+    movement : float
+        r_mov, paid by every action except a successful landing.
+    safety : float
+        r_sc, paid when the UAV stayed in place without hovering or landing successfully.
+    crash : float
+        r_crash, paid when the budget ends without a landing.
+    collect : float
+        r_c, per newly covered cell or per collected data unit.
+    """
+
+    movement: _Finite
+    safety: _Finite
+    crash: _Finite
+    collect: _Finite
+
+
+class ObservationSizes(_Record):
+    """The sizes of the global-local observation (paper eqs. 11 to 15): ``local_size`` l and ``global_scale`` g."""
+
+    local_size: Annotated[int, Field(ge=0)]
+    global_scale: Annotated[int, Field(ge=1)]
+
+    @field_validator("local_size")
+    @classmethod
+    def _odd(cls, size: int) -> int:
+        if size and size % 2 == 0:
+            raise ValueError(f"{size} is even: the crop is centred on the UAV, so it must be odd (or 0 for none)")
+        return size
+
+
+class Coverage(_Record):
+    """The parameters of coverage path planning (CPP).
+
+    Attributes
+    ----------
+    camera_size : int
+        Side of the square that the camera sees, in cells; odd, at most 7.
+    shapes : (int, int)
+        Fewest and most random shapes that make the targets.
+    target_fraction : (float, float)
+        Smallest and largest part of all cells that the shapes cover, buildings not yet removed.
+    """
+
+    kind: Literal["coverage"]
+    camera_size: Literal[1, 3, 5, 7]
+    shapes: tuple[_Count, _Count]
+    target_fraction: tuple[_Fraction, _Fraction]
+
+    _ranges = field_validator("shapes", "target_fraction")(_ordered)
+
+
+class PathLoss(_Record):
+    """A pair of channel parameters: with line of sight (``los``) and without (``nlos``)."""
+
+    los: _Positive
+    nlos: _Positive
+
+
+class FadingVariance(_Record):
+    """The variance of the shadow fading, in dB²: with line of sight (``los``) and without (``nlos``)."""
+
+    los: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    nlos: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class Harvesting(_Record):
+    """The parameters of data harvesting (DH); channel after Bayerlein et al., GLOBECOM 2020.
+
+    Attributes
+    ----------
+    devices : (int, int)
+        Fewest and most devices.
+    data : (float, float)
+        Least and most data of a device at the start, in data units.
+    communication_steps : int
+        Communication steps per move.
+    cell_size, altitude : float
+        Side of a cell and flying altitude, in metres.
+    edge_snr : float
+        s, the cell-edge signal-to-noise ratio, in dB.
+    path_loss_exponent : PathLoss
+        α with and without line of sight.
+    fading_variance : FadingVariance
+        σ² with and without line of sight, in dB².
+    """
+
+    kind: Literal["harvesting"]
+    devices: tuple[_Devices, _Devices]
+    data: tuple[_Positive, _Positive]
+    communication_steps: Annotated[int, Field(ge=1, le=100)]
+    cell_size: _Positive
+    altitude: _Positive
+    edge_snr: _Finite
+    path_loss_exponent: PathLoss
+    fading_variance: FadingVariance
+
+    _ranges = field_validator("devices", "data")(_ordered)
+
+
+class Split(_Record):
+    """A split of fixed size.
+
+    Attributes
+    ----------
+    episodes : int
+        Number of episodes.
+    file : str, optional
+        The frozen episodes, relative to the scenario's file; without it they are drawn from their keys.
+    sha256 : str, optional
+        SHA-256 of that file.
+    """
+
+    episodes: _Count
+    file: str | None = None
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+
+    @model_validator(mode="after")
+    def _file_with_digest(self) -> "Split":
+        if (self.file is None) != (self.sha256 is None):
+            raise ValueError("file and sha256 go together: give both, or neither")
+        return self
+
+
+class Splits(_Record):
+    """The splits of fixed size; ``train`` has 2⁶² episodes and needs no entry."""
+
+    validation: Split = Split(episodes=200)
+    test: Split = Split(episodes=1000)
+
+
+class Scenario(_Record):
+    """Everything fixed under one id.
+
+    Attributes
+    ----------
+    id : str
+        The name, ending in its version: ``Manhattan32-CPP-v0``.
+    title : str
+        One line for tables.
+    map : str
+        The map's file, relative to the scenario's; see `rows`.
+    budget : (int, int)
+        Least and most movement budget of an episode.
+    rewards, observation, mission, splits
+        See their classes.
+    rows : tuple of str
+        The map, one character a cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building.
+    path : Path
+        The file it was read from.
+    """
+
+    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
+    title: str
+    map: str
+    budget: tuple[_Count, _Count]
+    rewards: Rewards
+    observation: ObservationSizes
+    mission: Annotated[Coverage | Harvesting, Field(discriminator="kind")]
+    splits: Splits = Splits()
+    rows: tuple[str, ...]
+    path: Path
+
+    _ranges = field_validator("budget")(_ordered)
+
+    @field_validator("rows")
+    @classmethod
+    def _map(cls, rows: tuple[str, ...]) -> tuple[str, ...]:
+        _check_map(rows)
+        return rows
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Scenario":
+        _check_sizes(self.observation, self.shape)
+        if isinstance(self.mission, Harvesting):
+            places = sum(row.count(FREE) + row.count(NO_FLY) for row in self.rows)
+            if places < self.mission.devices[1]:
+                raise ValueError(
+                    f"mission.devices: up to {self.mission.devices[1]} devices need as many cells outside buildings "
+                    f"and landing zones, and the map has {places}"
+                )
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        return len(self.rows), len(self.rows[0])
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of everything that defines the scenario; titles and file names do not."""
+        parts = self.model_dump(mode="json", exclude={"title", "map", "path"}, exclude_defaults=True)
+        for split in parts.get("splits", {}).values():
+            split.pop("file", None)
+        return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def with_observation(self, local_size: int | None = None, global_scale: int | None = None) -> "Scenario":
+        """Return the same scenario observed with another local size or global scale.
+
+        Raises
+        ------
+        ValueError
+            When the sizes do not fit the map.
+        """
+        sizes = {"local_size": local_size, "global_scale": global_scale}
+        changed = {name: size for name, size in sizes.items() if size is not None}
+        try:
+            observation = ObservationSizes(**{**self.observation.model_dump(), **changed})
+        except ValidationError as error:
+            raise ValueError(_first(error)) from None
+        _check_sizes(observation, self.shape)
+        return self.model_copy(update={"observation": observation})
+
+
+def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
+    """Refuse observation sizes that the centred map does not hold."""
+    largest = 2 * min(shape) - 1
+    for name, size in observation.model_dump().items():
+        if size > largest:
+            raise ValueError(f"observation.{name}: {size} exceeds {largest}, the shorter side of the centred map")
+
+
+def _check_map(rows: tuple[str, ...]) -> None:
+    """Refuse a map that is ragged, too small or large, misspelt, without a landing cell, or with one out of reach."""
+    if not rows or not 4 <= len(rows) <= 1024 or not 4 <= len(rows[0]) <= 1024:
+        raise ValueError(f"{len(rows)} rows × {len(rows[0]) if rows else 0} columns: both must be 4 to 1024")
+    for r, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise ValueError(f"row {r} has {len(row)} cells, row 0 has {len(rows[0])}: all rows must be of one length")
+        for c, cell in enumerate(row):
+            if cell not in (FREE, LANDING, NO_FLY, BUILDING):
+                raise ValueError(f"row {r}, column {c}: unknown cell {cell!r}; use '.', 'L', 'N' or '#'")
+    landing = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == LANDING]
+    if not landing:
+        raise ValueError("there is no landing cell: mark at least one cell with 'L'")
+    reached, queue = {landing[0]}, deque([landing[0]])
+    while queue:
+        r, c = queue.popleft()
+        for near in ((r - 1, c), (r, c + 1), (r + 1, c), (r, c - 1)):
+            inside = 0 <= near[0] < len(rows) and 0 <= near[1] < len(rows[0])
+            if inside and near not in reached and rows[near[0]][near[1]] in (FREE, LANDING):
+                reached.add(near)
+                queue.append(near)
+    for cell in landing:
+        if cell not in reached:
+            raise ValueError(f"the landing cell {cell} is unreachable from the landing cell {landing[0]}")
+
+
+def _first(error: ValidationError) -> str:
+    """Say the first thing wrong as ``field: reason``, and how many more there are."""
+    first = error.errors()[0]
+    place = ".".join(str(part) for part in first["loc"] if part not in ("coverage", "harvesting"))
+    reason = "unknown key" if first["type"] == "extra_forbidden" else first["msg"].removeprefix("Value error, ")
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return (f"{place}: {reason}" if place else reason) + more
+
+
+def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
+    """Read a map's rows."""
+    try:
+        return tuple(path.read_text(encoding="ascii").splitlines())
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{scenario}: map: cannot read {path}: {error}") from None
+
+
+def _load(path: Path) -> Scenario:
+    """Load the TOML file ``path`` and the map it names."""
+    try:
+        values: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot read it as TOML: {error}") from None
+    for name in ("rows", "path"):
+        if name in values:
+            raise ScenarioError(f"{path}: {name}: unknown key")
+    if isinstance(values.get("map"), str):
+        values["rows"] = _read_map(path.parent / values["map"], path)
+    try:
+        return Scenario(**values, path=path)
+    except ValidationError as error:
+        reason = _first(error)
+        where = f"{path.parent / values['map']}" if reason.startswith("rows") else f"{path}"
+        raise ScenarioError(f"{where}: {reason.replace('rows', 'map', 1) if where != str(path) else reason}") from None
+
+
+def load_scenario(id_or_path: str | Path) -> Scenario:
+    """Load a shipped scenario by its id, or a user's own by the path of its TOML file.
+
+    Parameters
+    ----------
+    id_or_path : str or Path
+        ``"Manhattan32-CPP-v0"``, or a path that ends in ``.toml``.
+
+    Raises
+    ------
+    ScenarioError
+        When there is no such scenario, or it is not valid; the message names file, field and reason.
+    """
+    shipped = resources.scenario_paths()
+    name = str(id_or_path).removeprefix("uavbench/")
+    if name in shipped:
+        path = shipped[name]
+    elif str(id_or_path).endswith(".toml"):
+        path = Path(id_or_path).expanduser().resolve()
+        if not path.is_file():
+            raise ScenarioError(f"{id_or_path}: there is no such file")
+    else:
+        near = difflib.get_close_matches(name, shipped, n=1, cutoff=0.4)
+        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(shipped)};"
+        raise ScenarioError(f"{id_or_path}: unknown scenario; {hint} your own is given by the path of its .toml file")
+    return _load(path)
