@@ -25,8 +25,8 @@ Observation = dict[str, NDArray[np.float32]]
 class _Tables(NamedTuple):
     """The static layers, ready to be cropped.
 
-    ``crops[layer, r:r+l, c:c+l]`` is the local map at (r, c). ``means[r % g, c % g, layer]`` holds the g×g means at all
-    positions of that phase, so that from [r // g, c // g] on it is the global map at (r, c).
+    ``crops[c, layer, r:r+l]`` is the local map at (r, c), in one piece of memory. ``means[r % g, c % g, layer]`` holds the
+    g×g means at all positions of that phase, so that from [r // g, c // g] on it is the global map at (r, c).
     """
 
     crops: NDArray[np.float32]
@@ -71,8 +71,9 @@ class Observer:
         """Write the observations of the slots ``index`` of ``state`` into the same places of ``out``."""
         if self._local_size:
             _write_local(state.position, state.target, index, self._tables.crops, out["local"])
-        _write_global(state.position, state.target, index, self._tables.means, self._scale, out["global"])
-        out["budget"][index, 0] = state.budget[index]
+        _write_global(
+            state.position, state.target, state.budget, index, self._tables.means, self._scale, out["global"], out["budget"]
+        )
 
 
 def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, int, int]) -> _Tables:
@@ -80,19 +81,20 @@ def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, in
     rows, cols = city.shape
     layers = (city.landing, city.no_fly, city.building)
     half = max(local_size - 1, 0) // 2
-    crops = [
-        np.pad(layer.astype(np.float32), half, constant_values=pad) for layer, pad in zip(layers, _PADDING, strict=True)
-    ]
+    crops = np.empty((cols, len(layers), rows + 2 * half, local_size), dtype=np.float32)
     high, wide = (rows - 1) // scale + global_shape[1], (cols - 1) // scale + global_shape[2]
     means = np.empty((scale, scale, len(layers), high, wide), dtype=np.float32)
     margin = ((rows - 1, 2 * rows + scale * 2), (cols - 1, 2 * cols + scale * 2))
     for k, (layer, pad) in enumerate(zip(layers, _PADDING, strict=True)):
+        padded = np.pad(layer.astype(np.float32), half, constant_values=pad)
+        for c in range(cols):
+            crops[c, k] = padded[:, c : c + local_size]
         padded = np.pad(layer.astype(np.int64), margin, constant_values=int(pad))
         for y in range(scale):
             for x in range(scale):
                 blocks = padded[y : y + high * scale, x : x + wide * scale].reshape(high, scale, wide, scale)
                 means[y, x, k] = blocks.sum(axis=(1, 3)) / scale**2
-    return _Tables(np.stack(crops), means)
+    return _Tables(crops, means)
 
 
 @kernel
@@ -106,12 +108,11 @@ def _write_local(
     """Write the local maps (paper eq. 12)."""
     size = out.shape[2]
     rows, cols = target.shape[1:]
-    static = crops.shape[0]
+    static = crops.shape[1]
     for i in index:
         r, c = position[i, 0], position[i, 1]
         for k in range(static):
-            for y in range(size):
-                _copy(crops[k, r + y, c : c + size], out[i, k, y])
+            _copy(crops[c, k, r : r + size].reshape(-1), out[i, k].reshape(-1))
         out[i, static] = 0.0
         top, left = r - size // 2, c - size // 2
         first, last = max(0, -left), min(size, cols - left)
@@ -123,17 +124,20 @@ def _write_local(
 def _write_global(
     position: NDArray[np.int32],
     target: NDArray[np.float32],
+    budget: NDArray[np.int32],
     index: NDArray[np.int64],
     means: NDArray[np.float32],
     scale: int,
     out: NDArray[np.float32],
+    out_budget: NDArray[np.float32],
 ) -> None:
-    """Write the global maps (paper eq. 14): static layers from the table, targets summed block by block."""
+    """Write the global maps (paper eq. 14), static layers from the table, targets summed block by block; and budgets."""
     high, wide = out.shape[2:]
     rows, cols = target.shape[1:]
     static = means.shape[2]
     sums = np.empty(cols + 2 * scale, dtype=np.float32)
     for i in index:
+        out_budget[i, 0] = budget[i]
         r, c = position[i, 0], position[i, 1]
         phase, down, right = means[r % scale, c % scale], r // scale, c // scale
         for k in range(static):
@@ -175,8 +179,15 @@ def _add(source: NDArray[np.float32], target: NDArray[np.float32]) -> None:
 def _sum_blocks(sums: NDArray[np.float32], scale: int, means: NDArray[np.float32]) -> None:
     """Turn the column sums of a row of blocks into the blocks' means."""
     area = np.float32(scale * scale)
-    for x in range(len(means)):
-        total = np.float32(0.0)
-        for col in range(scale):
-            total += sums[x * scale + col]
-        means[x] = total / area
+    if scale == 3:  # the paper's two scales are written out: only so does LLVM vectorise them
+        for x in range(len(means)):
+            means[x] = (sums[3 * x] + sums[3 * x + 1] + sums[3 * x + 2]) / area
+    elif scale == 5:
+        for x in range(len(means)):
+            means[x] = (sums[5 * x] + sums[5 * x + 1] + sums[5 * x + 2] + sums[5 * x + 3] + sums[5 * x + 4]) / area
+    else:
+        for x in range(len(means)):
+            total = np.float32(0.0)
+            for col in range(x * scale, (x + 1) * scale):
+                total += sums[col]
+            means[x] = total / area

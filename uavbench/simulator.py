@@ -143,9 +143,9 @@ class Simulator:
         chosen = np.asarray(actions)
         if chosen.shape != (self.num_envs,) or chosen.dtype.kind not in "iu":
             raise ValueError(f"actions: {chosen.dtype} of shape {chosen.shape}, expected integers, ({self.num_envs},)")
-        if chosen.min() < 0 or chosen.max() >= NUM_ACTIONS:
-            raise ValueError(f"actions: {chosen[(chosen < 0) | (chosen >= NUM_ACTIONS)][0]} is not an action from 0 to 5")
-        _move(self.state, chosen.astype(np.int64), self.city.landing, self.city.no_fly, *self._rewards)
+        wrong = _move(self.state, chosen.astype(np.int64), self.city.landing, self.city.no_fly, *self._rewards)
+        if wrong >= 0:
+            raise ValueError(f"actions: {chosen[wrong]} is not an action from 0 to {NUM_ACTIONS - 1}")
         self.mission.collect(self.state)
 
     def outcomes(self, index: ArrayLike) -> dict[str, NDArray[Any]]:
@@ -233,8 +233,14 @@ def _move(
     movement: float,
     safety: float,
     crash: float,
-) -> None:
-    """Move every UAV that flies, pay its budget, and reward everything but the gain."""
+) -> int:
+    """Move every UAV that flies, pay its budget, and reward everything but the gain.
+
+    Returns the first slot whose action is out of range, in which case nothing is moved, or −1.
+    """
+    for i in range(len(actions)):
+        if actions[i] < 0 or actions[i] > LAND:
+            return i
     rows, cols = no_fly.shape
     for i in range(len(state.done)):
         if state.done[i]:
@@ -263,3 +269,4 @@ def _move(
                 reward += crash
         state.reward[i] = reward
         state.done[i] = state.landed[i] or state.budget[i] == 0
+    return -1

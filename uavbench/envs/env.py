@@ -167,7 +167,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         return r, c
 
     def _mask(self) -> NDArray[np.int8]:
-        return self.simulator.action_mask()[0]
+        return self.simulator.city.action_mask[self._path[-1]].copy()
 
     def _observe(self) -> Observation:
         batch = self._observer.empty(1)

@@ -194,16 +194,17 @@ def _collect(state: State, views: NDArray[np.uint64], reach: int, reward: float)
 
 @kernel
 def _gain(views: NDArray[np.uint64], reach: int, target: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Count the targets that the camera sees from each cell."""
+    """Count the targets that the camera sees from each cell, one place of the view after the other: that vectorises."""
     rows, cols = views.shape
-    side = 2 * reach + 1
     gain = np.zeros((rows, cols), dtype=np.int32)
-    for r in range(rows):
-        for c in range(cols):
-            view = views[r, c]
-            for y in range(side):
-                for x in range(side):
-                    if view & np.uint64(1) and target[r + y - reach, c + x - reach] > 0.0:
-                        gain[r, c] += 1
-                    view >>= np.uint64(1)
+    bit = np.uint64(0)
+    for down in range(-reach, reach + 1):
+        for right in range(-reach, reach + 1):
+            first, last = max(0, -right), min(cols, cols - right)
+            for r in range(max(0, -down), min(rows, rows - down)):
+                view, sums = views[r, first:last], gain[r, first:last]
+                seen = target[r + down, first + right : last + right]
+                for c in range(last - first):
+                    sums[c] += ((view[c] >> bit) & np.uint64(1)) if seen[c] > 0.0 else np.uint64(0)
+            bit += np.uint64(1)
     return gain

@@ -1,0 +1,127 @@
+"""What an agent is, and loading one from a file or by a built-in's name.
+
+The contract is docs/agents.md; a built-in baseline is loaded by the same code as a user's file.
+"""
+
+import hashlib
+import importlib.util
+import inspect
+import sys
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal
+
+from uavbench import resources
+from uavbench.scenario import Scenario
+
+Track = Literal["observation", "state"]
+TRACKS: tuple[Track, ...] = ("observation", "state")
+
+
+class AgentLoadError(ValueError):
+    """An agent that cannot be loaded, or does not keep the contract; the message says what to change."""
+
+
+@dataclass(frozen=True)
+class AgentSource:
+    """Where an agent comes from.
+
+    Attributes
+    ----------
+    path : Path
+        The Python file.
+    class_name : str
+        The class in it.
+    """
+
+    path: Path
+    class_name: str = "Agent"
+
+    @property
+    def name(self) -> str:
+        """The file's stem, and the class when it is not ``Agent``: what results are filed under."""
+        return self.path.stem if self.class_name == "Agent" else f"{self.path.stem}.{self.class_name}"
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the file."""
+        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+
+    @property
+    def track(self) -> Track:
+        """What the agent may see."""
+        return self.load().track
+
+    @property
+    def batched(self) -> bool:
+        """Whether the agent decides for many episodes at once."""
+        return callable(getattr(self.load(), "act_batch", None))
+
+    def load(self) -> Any:
+        """Return the agent's class.
+
+        Raises
+        ------
+        AgentLoadError
+            When the file has no such class, or the class does not keep the contract.
+        """
+        found = getattr(_module(self.path.resolve(), self.sha256), self.class_name, None)
+        if not inspect.isclass(found):
+            raise AgentLoadError(f"{self.path}: has no class {self.class_name}; name yours as {self.path}:YourClass")
+        if not (callable(getattr(found, "act", None)) or callable(getattr(found, "act_batch", None))):
+            raise AgentLoadError(
+                f"{self.path}: {self.class_name} has neither act(self, observation, info) nor "
+                "act_batch(self, observations, infos)"
+            )
+        track = getattr(found, "track", "observation")
+        if track not in TRACKS:
+            raise AgentLoadError(f"{self.path}: {self.class_name}.track is {track!r}; use 'observation' or 'state'")
+        if not hasattr(found, "track"):
+            found.track = "observation"
+        return found
+
+    def make(self, scenario: Scenario) -> Any:
+        """Return a new agent for ``scenario``; what its ``__init__`` raises passes through."""
+        return self.load()(scenario)
+
+
+_MODULES: dict[tuple[Path, str], ModuleType] = {}
+
+
+def _module(path: Path, sha256: str) -> ModuleType:
+    """Import a file as a module of its own; its folder is searched for what it imports, as if it were run."""
+    if (path, sha256) not in _MODULES:
+        spec = importlib.util.spec_from_file_location(f"uavbench_agent_{path.stem}_{sha256[:8]}", path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        if str(path.parent) not in sys.path:
+            sys.path.append(str(path.parent))
+        sys.modules[spec.name] = module  # dataclasses and pickles look their module up by name
+        spec.loader.exec_module(module)
+        _MODULES[path, sha256] = module
+    return _MODULES[path, sha256]
+
+
+def find_agent(spec: str) -> AgentSource:
+    """Find an agent: a built-in's name, ``path.py`` or ``path.py:Class``.
+
+    Raises
+    ------
+    AgentLoadError
+        When there is none.
+    """
+    built_in = resources.baseline_paths()
+    if spec in built_in:
+        return AgentSource(built_in[spec])
+    name, _, class_name = spec.partition(".py:")
+    if class_name:
+        name += ".py"
+    path = Path(name).expanduser()
+    if not name.endswith(".py"):
+        raise AgentLoadError(f"--agent {spec}: neither a .py file nor a built-in; built in are {', '.join(built_in)}")
+    if not path.is_file():
+        raise AgentLoadError(f"--agent {spec}: there is no file {path}")
+    return AgentSource(path, class_name or "Agent")

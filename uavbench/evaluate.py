@@ -1,0 +1,340 @@
+"""Flying episodes with an agent: agent × scenario × split → records.
+
+The records do not depend on the batch size, the number of workers, or whether the agent decides one by one (``act``) or
+for many episodes at once (``act_batch``): noise and episodes are keyed, and so is the seed that an agent is given.
+"""
+
+import contextlib
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import joblib
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.agent import AgentSource
+from uavbench.city import NUM_ACTIONS
+from uavbench.keyed import AGENT, stream
+from uavbench.observation import Observation, Observer
+from uavbench.scenario import Scenario, SplitName
+from uavbench.simulator import Simulator
+from uavbench.state_view import StateView
+
+DEFAULT_BATCH = 250
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """One finished episode.
+
+    Attributes
+    ----------
+    episode : int
+        Its number in the split.
+    budget, steps : int
+        Movement budget at the start, and actions taken.
+    landed : bool
+    cr, cral : float
+        In [0, 1].
+    blocked : int
+        How often the safety controller kept the UAV in place.
+    total_reward : float
+        The sum of the rewards.
+    actions : ndarray of uint8, shape (steps,)
+        The actions.
+    seconds : float
+        Time that the agent took to decide.
+    """
+
+    episode: int
+    budget: int
+    steps: int
+    landed: bool
+    cr: float
+    cral: float
+    blocked: int
+    total_reward: float
+    actions: NDArray[np.uint8]
+    seconds: float
+
+
+class AgentError(Exception):
+    """An agent failed; the message says in which episode, at which step and why, with its traceback."""
+
+
+class DecisionTimeoutError(BaseException):
+    """A decision took too long; no ``Exception``, so that an agent's ``except Exception`` does not swallow it."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is flown: all that a worker must know.
+
+    Attributes
+    ----------
+    source : AgentSource
+    scenario : Scenario
+    split : {"train", "validation", "test"}
+    decision_timeout : float, optional
+        Seconds that one call of the agent may take; None for any.
+    batch_size : int
+        Episodes at once, for an agent that decides for many.
+    """
+
+    source: AgentSource
+    scenario: Scenario
+    split: SplitName
+    decision_timeout: float | None = 60.0
+    batch_size: int = DEFAULT_BATCH
+
+
+def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[EpisodeRecord, None, None]:
+    """Fly the episodes ``numbers``, yielding the record of each as it ends.
+
+    Parameters
+    ----------
+    job : Job
+        What is flown.
+    numbers : sequence of int
+        Which episodes.
+    workers : int
+        Processes.
+
+    Raises
+    ------
+    AgentError
+        When the agent fails. What was finished has been yielded before.
+    """
+    if workers == 1:
+        yield from _fly(job, numbers)
+        return
+    size = job.batch_size if job.source.batched else 10
+    size = max(1, min(size, -(-len(numbers) // workers)))
+    chunks = [numbers[k : k + size] for k in range(0, len(numbers), size)]
+    parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    failed: str | None = None
+    for records, error in parallel(joblib.delayed(_fly_all)(job, chunk) for chunk in chunks):
+        yield from records
+        failed = failed or error
+        if failed:
+            break
+    if failed:
+        raise AgentError(failed)
+
+
+def _fly_all(job: Job, numbers: Sequence[int]) -> tuple[list[EpisodeRecord], str | None]:
+    """Fly episodes in a worker; return what was finished, and why not all of it was."""
+    records: list[EpisodeRecord] = []
+    try:
+        records.extend(_fly(job, numbers))
+    except AgentError as error:
+        return records, str(error)
+    return records, None
+
+
+def _fly(job: Job, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
+    """Fly episodes in this process."""
+    with _alarm():
+        agent = _guard(job, "__init__()", None, lambda: job.source.make(job.scenario))
+        flight = _Flight(job, agent)
+        size = job.batch_size if flight.batched else 1
+        for k in range(0, len(numbers), size):
+            yield from flight.fly(numbers[k : k + size])
+
+
+class _Flight:
+    """An agent, a simulator, and what passes between them."""
+
+    def __init__(self, job: Job, agent: Any) -> None:
+        self._job = job
+        self._agent = agent
+        self._state_track = job.source.track == "state"
+        self.batched = job.source.batched
+
+    def fly(self, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
+        """Fly ``numbers`` side by side, yielding each as it ends."""
+        job, count = self._job, len(numbers)
+        simulator = self._simulator(count)
+        state = simulator.state
+        simulator.reset(np.arange(count), job.split, numbers)
+        fixed = [self._fixed_info(simulator, i, number) for i, number in enumerate(numbers)]
+        actions = np.zeros((count, int(state.budget.max())), dtype=np.uint8)
+        seconds, rewards = np.zeros(count), np.zeros(count)
+        running, step = np.arange(count), 0
+        infos = self._infos(simulator, running, fixed)
+        if callable(getattr(self._agent, "reset", None)):
+            for info in infos:
+                _guard(job, "reset()", (info["episode"], 0), lambda info=info: self._agent.reset(info))
+        while len(running):
+            observations = self._observe(simulator, running)
+            started = time.perf_counter()
+            chosen = self._decide(observations, infos, step)
+            seconds[running] += (time.perf_counter() - started) / len(running)
+            all_actions = np.zeros(count, dtype=np.int64)
+            all_actions[running] = actions[running, step] = chosen
+            simulator.step(all_actions)
+            rewards[running] += state.reward[running]
+            step += 1
+            ended = running[state.done[running]]
+            outcomes = _rows(simulator.outcomes(ended)) if len(ended) else ()
+            for i, outcome in zip(ended.tolist(), outcomes, strict=True):
+                yield EpisodeRecord(
+                    episode=int(numbers[i]),
+                    budget=int(state.initial_budget[i]),
+                    steps=step,
+                    total_reward=float(rewards[i]),
+                    actions=actions[i, :step].copy(),
+                    seconds=float(seconds[i]),
+                    **outcome,
+                )
+            if len(ended):
+                running = running[~state.done[running]]
+            infos = self._infos(simulator, running, fixed)
+
+    def _simulator(self, count: int) -> Simulator:
+        """Return a simulator for ``count`` episodes, the last one if it fits."""
+        if getattr(self, "_last", None) is None or self._last.num_envs != count:
+            self._last = Simulator(self._job.scenario, count)
+            self._observer = Observer(self._last.city, self._job.scenario.observation)
+        return self._last
+
+    def _fixed_info(self, simulator: Simulator, i: int, number: int) -> dict[str, Any]:
+        """Return what an agent is told of an episode at every step."""
+        seed = int(stream(simulator.state.key[i], AGENT)) >> 1
+        info: dict[str, Any] = {"split": self._job.split, "episode": int(number), "seed": seed}
+        if self._state_track:
+            info["state"] = StateView(simulator, i)
+        return info
+
+    @staticmethod
+    def _infos(
+        simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]
+    ) -> list[dict[str, Any]]:
+        """Return fresh information for the running episodes."""
+        position = simulator.state.position[running]
+        masks = simulator.city.action_mask[position[:, 0], position[:, 1]]
+        return [{**fixed[i], "action_mask": mask} for i, mask in zip(running.tolist(), masks, strict=True)]
+
+    def _observe(self, simulator: Simulator, running: NDArray[np.int64]) -> Observation:
+        """Return the observations of the running episodes, batch first."""
+        batch = self._observer.empty(simulator.num_envs)
+        self._observer.write(simulator.state, running, batch)
+        if len(running) == simulator.num_envs:
+            return batch
+        return {name: values[running] for name, values in batch.items()}
+
+    def _decide(self, observations: Observation, infos: list[dict[str, Any]], step: int) -> NDArray[np.int64]:
+        """Ask the agent, and refuse what is not an action."""
+        job, agent = self._job, self._agent
+        if self.batched:
+            where = (infos[0]["episode"] if len(infos) == 1 else None, step)
+            answer = _guard(job, "act_batch()", where, lambda: agent.act_batch(observations, infos))
+            chosen = np.asarray(answer)
+            if chosen.shape != (len(infos),):
+                raise _complaint(job, where, f"act_batch() returned shape {chosen.shape}, expected ({len(infos)},)")
+            return np.array([_action(job, a, "act_batch()", (i["episode"], step)) for a, i in zip(chosen, infos, strict=True)])
+        observation, info = {name: values[0] for name, values in observations.items()}, infos[0]
+        where = (info["episode"], step)
+        answer = _guard(job, "act()", where, lambda: agent.act(observation, info))
+        return np.array([_action(job, answer, "act()", where)])
+
+
+_Where = tuple[int | None, int] | None
+
+
+def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
+    """Turn columns into rows of plain Python values."""
+    for values in zip(*(column.tolist() for column in columns.values()), strict=True):
+        yield dict(zip(columns, values, strict=True))
+
+
+def _action(job: Job, answer: Any, call: str, where: _Where) -> int:
+    """Return an agent's answer as an action, or complain."""
+    value = np.asarray(answer)
+    if value.shape != () or value.dtype.kind not in "iu":
+        shape = f" of shape {value.shape}" if value.shape else ""
+        raise _complaint(job, where, f"{call} returned {answer!r} ({value.dtype}{shape}), expected an integer from 0 to 5")
+    if not 0 <= value < NUM_ACTIONS:
+        raise _complaint(job, where, f"{call} returned {answer!r}, expected an integer from 0 to 5")
+    return int(value)
+
+
+def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
+    """Say where an agent failed, and why."""
+    place = f"{job.source.name} on {job.scenario.id}"
+    if where is not None:
+        episode, step = where
+        place += f", {job.split} episode {'(a batch)' if episode is None else episode}, step {step}"
+    return AgentError(f"{place}: {reason}")
+
+
+def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> Any:
+    """Call an agent; turn what it raises, or its taking too long, into an `AgentError` with its traceback."""
+    limit = job.decision_timeout if call.startswith("act") else None
+    started = time.perf_counter()
+    try:
+        _set_alarm(limit)
+        try:
+            answer = function()
+        finally:
+            _set_alarm(None)
+    except DecisionTimeoutError:
+        raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
+    except Exception as error:
+        raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
+    if limit is not None and time.perf_counter() - started > limit:
+        raise _complaint(job, where, f"{call} took {time.perf_counter() - started:.1f} s, longer than {limit:g} s")
+    return answer
+
+
+def _trace() -> str:
+    """Return the traceback being handled, without the frames of this file."""
+    text = traceback.format_exc().splitlines()
+    kept: list[str] = []
+    skip = False
+    for line in text:
+        if line.startswith("  File "):
+            skip = __file__ in line
+        elif not line.startswith("    "):
+            skip = False
+        if not skip:
+            kept.append(line)
+    return "\n".join(kept)
+
+
+# An alarm is a timer signal, which Python delivers to the main thread only and Windows does not have. Without it a decision
+# that took too long is still refused, but only after it has ended.
+
+
+def _ring(_signal: int, _frame: Any) -> None:
+    raise DecisionTimeoutError
+
+
+@contextlib.contextmanager
+def _alarm() -> Iterator[None]:
+    """Let `_set_alarm` work in the block, where it can."""
+    global _armed  # noqa: PLW0603 - a process has one timer
+    if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGALRM, _ring)
+    _armed = True
+    try:
+        yield
+    finally:
+        _armed = False
+        signal.signal(signal.SIGALRM, before)
+
+
+_armed = False
+
+
+def _set_alarm(seconds: float | None) -> None:
+    """Raise `DecisionTimeoutError` after ``seconds``; None for never."""
+    if _armed:
+        signal.setitimer(signal.ITIMER_REAL, seconds or 0)

@@ -1,0 +1,75 @@
+"""What episodes say together: means with confidence intervals, and paired comparisons.
+
+Landed is a proportion and gets Wilson's interval, which stays honest when every episode landed; CR and CRAL get the
+percentile bootstrap. Resampling is keyed, so that the same episodes give the same interval everywhere.
+"""
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: The metrics of an episode (paper Section V-B).
+METRICS = ("landed", "cr", "cral")
+CONFIDENCE = 0.95
+_RESAMPLES = 10_000
+_CHUNK = 500
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An estimate and its confidence interval, all as fractions."""
+
+    mean: float
+    low: float
+    high: float
+
+
+def proportion_interval(successes: NDArray[np.bool_], confidence: float = CONFIDENCE) -> Interval:
+    """Return the share of successes with Wilson's score interval (Wilson 1927)."""
+    n, share = len(successes), float(np.mean(successes))
+    z = NormalDist().inv_cdf(0.5 + confidence / 2)
+    centre = (share + z * z / (2 * n)) / (1 + z * z / n)
+    half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
+    return Interval(share, min(share, max(0.0, centre - half)), max(share, min(1.0, centre + half)))
+
+
+def mean_interval(values: NDArray[np.float64], confidence: float = CONFIDENCE) -> Interval:
+    """Return the mean with its percentile-bootstrap interval (Efron 1979; 10,000 resamples)."""
+    generator = np.random.default_rng(0)
+    means = np.empty(_RESAMPLES)
+    for k in range(0, _RESAMPLES, _CHUNK):
+        picks = generator.integers(len(values), size=(_CHUNK, len(values)), dtype=np.int32)
+        means[k : k + _CHUNK] = values[picks].mean(axis=1)
+    tail = (1 - confidence) / 2
+    low, high = np.quantile(means, (tail, 1 - tail))
+    return Interval(float(np.mean(values)), float(low), float(high))
+
+
+def summarise(landed: NDArray[np.bool_], cr: NDArray[np.float64], cral: NDArray[np.float64]) -> dict[str, Interval]:
+    """Return Landed, CR and CRAL over episodes, by name, each with its 95 % confidence interval."""
+    return {"landed": proportion_interval(landed), "cr": mean_interval(cr), "cral": mean_interval(cral)}
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two agents on the same episodes, in one metric.
+
+    Attributes
+    ----------
+    difference : Interval
+        Mean of first − second over the episodes.
+    improvement : Interval
+        Probability that the first is better on an episode, ties counting half.
+    """
+
+    difference: Interval
+    improvement: Interval
+
+
+def compare(first: NDArray[np.float64], second: NDArray[np.float64]) -> Comparison:
+    """Compare two agents on the same episodes; both arrays of shape (n,), in the same order."""
+    difference = first - second
+    return Comparison(mean_interval(difference), mean_interval((np.sign(difference) + 1) / 2))

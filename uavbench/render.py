@@ -1,0 +1,80 @@
+"""Pictures of a running episode: frames for ``rgb_array`` and text for ``ansi``; both work headless."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.city import City
+from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY
+from uavbench.simulator import Simulator
+
+_COLOURS = {
+    FREE: (255, 255, 255),
+    LANDING: (150, 178, 228),
+    NO_FLY: (244, 176, 168),
+    BUILDING: (96, 96, 104),
+}
+_TARGET = np.array((66, 168, 84))
+_PATH = (40, 40, 40)
+_UAV = (214, 96, 16)
+_FRAME = 512  # pixels of the longer side, about
+
+Cells = Sequence[tuple[int, int]]
+
+
+def characters(city: City) -> NDArray[np.str_]:
+    """Return the map, one character a cell, as in the scenario's map file; shape (M, N)."""
+    cells = np.full(city.shape, FREE)
+    cells[city.no_fly] = NO_FLY
+    cells[city.building] = BUILDING
+    cells[city.landing] = LANDING
+    return cells
+
+
+def frame(simulator: Simulator, i: int, path: Cells) -> NDArray[np.uint8]:
+    """Draw the episode in slot ``i``: the map, what is left of the targets in green, the flown path, the UAV.
+
+    Returns
+    -------
+    ndarray of uint8, shape (M · s, N · s, 3)
+        s pixels a cell, so that the longer side has about 512.
+    """
+    city, target = simulator.city, simulator.state.target[i]
+    size = max(3, _FRAME // max(city.shape))
+    cells = characters(city)
+    picture = np.empty((*city.shape, 3))
+    for kind, colour in _COLOURS.items():
+        picture[cells == kind] = colour
+    strength = 0.75 * np.sqrt(target / max(float(target.max()), 1.0))[:, :, None]
+    picture = (picture * (1 - strength) + _TARGET * strength).astype(np.uint8)
+    large = picture.repeat(size, axis=0).repeat(size, axis=1)
+    if size >= 6:
+        large[::size] = large[::size] * 0.93
+        large[:, ::size] = large[:, ::size] * 0.93
+    half, thick = size // 2, max(1, size // 8)
+    for (r0, c0), (r1, c1) in zip(path[:-1], path[1:], strict=True):
+        (top, bottom), (left, right) = sorted((r0, r1)), sorted((c0, c1))
+        large[
+            top * size + half - thick : bottom * size + half + thick,
+            left * size + half - thick : right * size + half + thick,
+        ] = _PATH
+    r, c = simulator.state.position[i].tolist()
+    y, x = np.ogrid[:size, :size]
+    disc = (y - (size - 1) / 2) ** 2 + (x - (size - 1) / 2) ** 2 < (0.46 * size) ** 2
+    large[r * size : (r + 1) * size, c * size : (c + 1) * size][disc] = _UAV
+    return large
+
+
+def text(simulator: Simulator, i: int, path: Cells) -> str:
+    """Write the episode in slot ``i``: ``@`` the UAV, ``+`` what is left of the targets, ``·`` the flown path."""
+    state = simulator.state
+    cells = characters(simulator.city)
+    for r, c in path:
+        cells[r, c] = "·"
+    cells[state.target[i] > 0] = "+"
+    r, c = state.position[i].tolist()
+    cells[r, c] = "@"
+    cr = float(simulator.outcomes([i])["cr"][0])
+    head = f"{simulator.scenario.id}  budget {state.budget[i]}/{state.initial_budget[i]}  CR {cr:.3f}"
+    return "\n".join([head, *("".join(row) for row in cells.tolist())]) + "\n"

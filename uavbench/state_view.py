@@ -1,0 +1,76 @@
+"""What an agent on the state track sees: everything but the noise to come."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.city import City
+from uavbench.scenario import Scenario
+from uavbench.simulator import Simulator
+
+
+class StateView:
+    """A read-only view of one running episode. It follows the episode: read it anew at every decision.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        All parameters.
+    city : City
+        Layers, distances, lines of sight.
+    """
+
+    __slots__ = ("_i", "_simulator", "city", "scenario")
+
+    def __init__(self, simulator: Simulator, i: int) -> None:
+        self.scenario: Scenario = simulator.scenario
+        self.city: City = simulator.city
+        self._simulator = simulator
+        self._i = i
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """The UAV's cell (row, column)."""
+        r, c = self._simulator.state.position[self._i].tolist()
+        return r, c
+
+    @property
+    def budget(self) -> int:
+        """Actions left."""
+        return int(self._simulator.state.budget[self._i])
+
+    @property
+    def target(self) -> NDArray[np.float32]:
+        """The target map D(t), shape (M, N): 1 where a cell is still to cover, or the data left at a device's cell."""
+        return _read_only(self._simulator.state.target[self._i])
+
+    @property
+    def total(self) -> float:
+        """Target cells or data units at the start."""
+        return float(self._simulator.state.total[self._i])
+
+    @property
+    def remaining(self) -> float:
+        """Target cells or data units left."""
+        return float(self._simulator.state.remaining[self._i])
+
+    @property
+    def device_cell(self) -> NDArray[np.int32]:
+        """DH: the devices' cells, shape (K, 2)."""
+        return self._mission("device_cell")
+
+    @property
+    def device_data(self) -> NDArray[np.float64]:
+        """DH: the data left at each device, shape (K,)."""
+        return self._mission("device_data")
+
+    def _mission(self, name: str) -> NDArray[np.generic]:
+        arrays = self._simulator.mission.view(self._i)
+        if name not in arrays:
+            raise AttributeError(f"{self.scenario.id} has no {name}: its mission is {self.scenario.mission.kind}")
+        return _read_only(arrays[name])
+
+
+def _read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
+    view = array.view()
+    view.flags.writeable = False
+    return view
