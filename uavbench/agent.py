@@ -67,7 +67,10 @@ class AgentSource:
         AgentLoadError
             When the file has no such class, or the class does not keep the contract.
         """
-        found = getattr(_module(self.path.resolve(), self.sha256), self.class_name, None)
+        try:
+            found = getattr(_module(self.path.resolve(), self.sha256), self.class_name, None)
+        except Exception as error:
+            raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
         if not inspect.isclass(found):
             raise AgentLoadError(f"{self.path}: has no class {self.class_name}; name yours as {self.path}:YourClass")
         if not (callable(getattr(found, "act", None)) or callable(getattr(found, "act_batch", None))):

@@ -19,8 +19,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.agent import AgentSource
+from uavbench.episode import check_split, split_size
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
 from uavbench.metrics import CONFIDENCE, METRICS, Comparison, Interval, compare, summarise
+from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
 from uavbench.simulator import Simulator
 
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _CHECKPOINT_SECONDS = 10.0
+_TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
 #: Columns of ``episodes.csv`` and the fields of `EpisodeRecord` that they hold.
 COLUMNS = {
     "episode": "episode",
@@ -78,6 +82,35 @@ class Result:
         with np.load(self.folder / "actions.npz", allow_pickle=False) as table:
             parts = np.split(table["actions"], table["offsets"][1:-1])
             return dict(zip(table["episodes"].tolist(), parts, strict=True))
+
+
+def jobs(
+    source: AgentSource, scenarios: Sequence[str], split: str, episodes: int | None, decision_timeout: float | None
+) -> list[tuple[Job, range]]:
+    """Plan evaluations: a job and its episodes for each scenario, ``"all"`` being all that are shipped.
+
+    Raises
+    ------
+    ScenarioError, ResultError
+        When a scenario, the split or the number of episodes does not exist.
+    AgentLoadError
+        When the agent cannot be loaded.
+    """
+    planned: list[tuple[Job, range]] = []
+    names = [each for name in scenarios for each in (scenario_paths() if name == "all" else [name])]
+    source.load()
+    for name in dict.fromkeys(names):
+        scenario = load_scenario(name)
+        try:
+            checked = check_split(split)
+        except ValueError as error:
+            raise ResultError(f"--{error}") from None
+        size = split_size(scenario, checked)
+        count = episodes or min(size, _TRAIN_EPISODES)
+        if count > size:
+            raise ResultError(f"--episodes: {count}, but {scenario.id} has {size} {split} episodes")
+        planned.append((Job(source, scenario, checked, decision_timeout), range(count)))
+    return planned
 
 
 def run(
@@ -285,7 +318,7 @@ def _summary(
 ) -> dict[str, Any]:
     """Return what ``summary.json`` holds."""
     decisions = sum(record.steps for record in records)
-    shipped = job.scenario.id in str(job.scenario.path) and job.scenario.path.parent.name == "scenarios"
+    shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
     return {
         **_identity(job, numbers),
         **({} if shipped else {"scenario_file": str(job.scenario.path)}),

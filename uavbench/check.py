@@ -1,0 +1,55 @@
+"""Does an agent keep the contract? Flown on Block8, twice, in different company."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavbench.agent import AgentLoadError, AgentSource
+from uavbench.evaluate import AgentError, EpisodeRecord, Job, evaluate
+from uavbench.scenario import load_scenario
+
+SCENARIOS = ("Block8-CPP-v0", "Block8-DH-v0")
+_EPISODES = 24
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What a check saw: decisions per second, and the mean CRAL on each scenario."""
+
+    decisions_per_second: float
+    cral: dict[str, float]
+
+
+def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS) -> Checked:
+    """Fly validation episodes with an agent, then the same in another order and batch size.
+
+    Raises
+    ------
+    AgentLoadError
+        With one line that says what is wrong.
+    """
+    cral: dict[str, float] = {}
+    steps = seconds = 0.0
+    source.load()
+    for name in scenarios:
+        scenario = load_scenario(name)
+        try:
+            first = _fly(Job(source, scenario, "validation", batch_size=_EPISODES), range(_EPISODES))
+            again = _fly(Job(source, scenario, "validation", batch_size=7), range(_EPISODES - 1, -1, -1))
+        except AgentError as error:
+            raise AgentLoadError(str(error).splitlines()[0]) from error
+        for number, record in first.items():
+            if not np.array_equal(record.actions, again[number].actions):
+                raise AgentLoadError(
+                    f"{source.name} on {name}, validation episode {number}: flown again after other episodes it took other "
+                    'actions; forget everything in reset(), and take randomness from info["seed"]'
+                )
+        cral[name] = float(np.mean([record.cral for record in first.values()]))
+        steps += sum(record.steps for record in first.values())
+        seconds += sum(record.seconds for record in first.values())
+    return Checked(steps / max(seconds, 1e-9), cral)
+
+
+def _fly(job: Job, numbers: Sequence[int]) -> dict[int, EpisodeRecord]:
+    return {record.episode: record for record in evaluate(job, numbers)}

@@ -1,0 +1,177 @@
+"""The commands. No logic is in them: each loads, calls one function of the library, and prints."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="Benchmark suite for UAV path planning: coverage (CPP) and data harvesting (DH) on grid cities.",
+    epilog="Start with:  uavbench new my_agent.py  and  uavbench evaluate --agent my_agent.py",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+_ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote: OUT/<scenario>/<agent>.")]
+
+
+def _fail(error: BaseException | str, code: int = 2) -> typer.Exit:
+    """Print what is wrong, and return the exit with ``code``."""
+    print(f"uavbench: {error}", file=sys.stderr)  # noqa: T201
+    return typer.Exit(code)
+
+
+@app.command("list", epilog="Example:  uavbench list")
+def list_scenarios() -> None:
+    """List the scenarios."""
+    from rich.console import Console
+
+    from uavbench import load_scenario, scenario_ids
+    from uavbench.display import scenario_table
+
+    Console().print(scenario_table(load_scenario(name) for name in scenario_ids()))
+
+
+@app.command(epilog="Example:  uavbench show Manhattan32-CPP-v0")
+def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")]) -> None:
+    """Show a scenario's parameters and map."""
+    from rich.console import Console
+
+    from uavbench import ScenarioError, load_scenario
+    from uavbench.display import scenario_text
+
+    try:
+        Console(highlight=False, soft_wrap=True).print(scenario_text(load_scenario(scenario)))
+    except ScenarioError as error:
+        raise _fail(error) from None
+
+
+@app.command(epilog="Example:  uavbench new my_agent.py")
+def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> None:
+    """Write a template of an agent."""
+    template = Path(__file__).with_name("templates") / "agent.py"
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(template.read_text(encoding="utf-8").replace("FILE", str(path)))
+    except FileExistsError:
+        raise _fail(f"{path}: exists already; choose another name") from None
+    except OSError as error:
+        raise _fail(f"{path}: cannot write it: {error.strerror}") from None
+    typer.echo(f"wrote {path}; next:  uavbench check {path}")
+
+
+@app.command(epilog="Example:  uavbench check my_agent.py")
+def check(
+    agent: Annotated[str, typer.Argument(help="path.py, path.py:Class, or a built-in's name.")],
+    scenario: Annotated[
+        list[str] | None, typer.Option(help="Where to fly instead of Block8-CPP-v0 and Block8-DH-v0; repeatable.")
+    ] = None,
+) -> None:
+    """Check that an agent keeps the contract, and say in one line what is wrong."""
+    from uavbench import ScenarioError
+    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench.check import SCENARIOS, check_agent
+
+    try:
+        checked = check_agent(find_agent(agent), scenario or SCENARIOS)
+    except (AgentLoadError, ScenarioError) as error:
+        raise _fail(error, 1) from None
+    scores = ", ".join(f"CRAL {100 * cral:.0f} % on {name}" for name, cral in checked.cral.items())
+    typer.echo(f"{agent} keeps the contract: {checked.decisions_per_second:,.0f} decisions/s, {scores}")
+
+
+@app.command(
+    epilog="Examples:  uavbench evaluate --agent my_agent.py  |  "
+    "uavbench evaluate --agent greedy --scenario Urban50-DH-v0 --episodes 100 --workers 2  |  "
+    "uavbench evaluate --agent greedy --scenario all --resume"
+)
+def evaluate(
+    agent: Annotated[str, typer.Option(help="path.py, path.py:Class, or a built-in's name (greedy, random).")],
+    scenario: Annotated[
+        list[str] | None, typer.Option(help="An id, the path of a .toml file, or 'all'; repeatable.")
+    ] = None,
+    split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
+    episodes: Annotated[int | None, typer.Option(min=1, help="How many, from 0 on; all of the split by default.")] = None,
+    out: Annotated[Path, typer.Option(help="Where results go.")] = Path("results"),
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    decision_timeout: Annotated[float, typer.Option(help="Seconds that one decision may take.")] = 60.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run.")] = False,
+) -> None:
+    """Score an agent: Landed, CR and CRAL, each with its 95 % confidence interval."""
+    from rich.console import Console
+
+    from uavbench import ScenarioError
+    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench.display import evaluation_progress, result_table
+    from uavbench.evaluate import AgentError
+    from uavbench.results import ResultError, jobs, run
+
+    console = Console()
+    try:
+        planned = jobs(find_agent(agent), scenario or ["Manhattan32-CPP-v0"], split, episodes, decision_timeout)
+        for job, numbers in planned:
+            with evaluation_progress(console, f"{job.source.name} on {job.scenario.id}", len(numbers)) as progress:
+                result = run(job, numbers, out, workers=workers, resume=resume, on_record=progress.advance)
+            console.print(result_table(result))
+            console.print(
+                f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; "
+                f"{result.folder}",
+                highlight=False,
+                soft_wrap=True,
+            )
+    except (AgentLoadError, ScenarioError, ResultError) as error:
+        raise _fail(error) from None
+    except AgentError as error:
+        raise _fail(f"{error}\nwhat was finished is kept in {out}; go on with --resume", 1) from None
+    except KeyboardInterrupt:
+        raise _fail(f"interrupted; what was finished is kept in {out}; go on with --resume", 1) from None
+
+
+@app.command(epilog="Example:  uavbench replay results/Manhattan32-CPP-v0/my_agent")
+def replay(folder: _ResultFolder) -> None:
+    """Simulate the actions of a result again; every number must come out the same."""
+    from uavbench import ScenarioError
+    from uavbench.results import ResultError, load_result
+    from uavbench.results import replay as replay_result
+
+    try:
+        result = load_result(folder)
+        wrong = replay_result(result)
+    except (ResultError, ScenarioError) as error:
+        raise _fail(error) from None
+    if wrong:
+        more = f"\n… and {len(wrong) - 10} more" if len(wrong) > 10 else ""
+        raise _fail(f"{folder} is not reproduced:\n" + "\n".join(wrong[:10]) + more, 1)
+    typer.echo(f"{folder}: all {result.summary['episodes']} episodes reproduced, every number")
+
+
+@app.command(epilog="Example:  uavbench compare results/Manhattan32-CPP-v0/greedy results/Manhattan32-CPP-v0/random")
+def compare(first: _ResultFolder, second: _ResultFolder) -> None:
+    """Compare two agents on the same episodes: paired differences and probabilities of improvement."""
+    from rich.console import Console
+
+    from uavbench.display import comparison_table
+    from uavbench.results import ResultError, compare_results, load_result
+
+    try:
+        a, b = load_result(first), load_result(second)
+        Console().print(comparison_table(a, b, compare_results(a, b)))
+    except ResultError as error:
+        raise _fail(error) from None
+
+
+@app.command(epilog="Example:  uavbench freeze my_city.toml")
+def freeze(scenario: Annotated[str, typer.Argument(help="The path of a .toml file, or an id.")]) -> None:
+    """Freeze a scenario's validation and test episodes in files, and print the lines that name them."""
+    from uavbench import ScenarioError, load_scenario
+    from uavbench.freeze import freeze as freeze_scenario
+
+    try:
+        loaded = load_scenario(scenario)
+        lines = freeze_scenario(loaded)
+    except ScenarioError as error:
+        raise _fail(error) from None
+    typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; put this at the end of {loaded.path}:\n{lines}")

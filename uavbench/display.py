@@ -1,0 +1,135 @@
+"""What the commands print: tables, maps and the progress bar."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from uavbench.evaluate import EpisodeRecord
+from uavbench.metrics import Comparison, Interval
+from uavbench.results import Result
+from uavbench.scenario import BUILDING, LANDING, NO_FLY, Harvesting, Scenario
+
+NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
+_STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
+
+
+def scenario_table(scenarios: Iterable[Scenario]) -> Table:
+    """Return the table of `uavbench list`."""
+    table = Table(box=None, header_style="bold")
+    for column in ("id", "map", "mission", "budget", "targets"):
+        table.add_column(column, no_wrap=True)
+    for scenario in scenarios:
+        mission = scenario.mission
+        targets = (
+            f"{mission.devices[0]}–{mission.devices[1]} devices"
+            if isinstance(mission, Harvesting)
+            else f"{mission.target_fraction[0]:.0%}–{mission.target_fraction[1]:.0%} of the cells"
+        )
+        table.add_row(
+            scenario.id, "{}×{}".format(*scenario.shape), mission.kind, "{}–{}".format(*scenario.budget), targets
+        )
+    return table
+
+
+def scenario_text(scenario: Scenario) -> Text:
+    """Return what `uavbench show` prints: the parameters and the map."""
+    text = Text()
+    text.append(f"{scenario.id}", style="bold")
+    text.append(f"  {scenario.title}\n")
+    text.append(f"digest {scenario.digest}\nfile {scenario.path}\n\n")
+    parts = scenario.model_dump(mode="json", exclude={"id", "title", "path", "rows"})
+    for name, value in _flat(parts):
+        text.append(f"{name:32}", style="cyan")
+        text.append(f"{value}\n")
+    text.append("\n")
+    for row in scenario.rows:
+        for cell in row:
+            text.append(cell, style=_STYLES.get(cell, ""))
+        text.append("\n")
+    text.append("\nL landing zone  N no-fly zone  # building  . free\n", style="dim")
+    return text
+
+
+def _flat(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Flatten nested parameters to dotted names."""
+    for name, value in parts.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{name}.")
+        elif value is not None:
+            yield f"{prefix}{name}", value
+
+
+def result_table(result: Result) -> Table:
+    """Return the scores that `uavbench evaluate` prints, in per cent."""
+    summary = result.summary
+    table = Table(
+        title=f"{summary['agent']} on {summary['scenario']}, {summary['episodes']} {summary['split']} episodes",
+        title_justify="left",
+        header_style="bold",
+    )
+    for column in ("metric", "mean %", "95 % confidence interval"):
+        table.add_column(column, justify="left" if column == "metric" else "right")
+    for name, interval in result.metrics.items():
+        table.add_row(NAMES[name], f"{100 * interval.mean:.1f}", _bounds(interval))
+    return table
+
+
+def comparison_table(first: Result, second: Result, comparison: Mapping[str, Comparison]) -> Table:
+    """Return what `uavbench compare` prints, in percentage points."""
+    a, b = first.summary["agent"], second.summary["agent"]
+    table = Table(
+        title=f"{a} − {b} on {first.summary['scenario']}, {first.summary['episodes']} paired episodes",
+        title_justify="left",
+        header_style="bold",
+    )
+    for column in ("metric", "difference, points", "95 % CI", f"P({a} better) %", "95 % CI"):
+        table.add_column(column, justify="left" if column == "metric" else "right")
+    for name, found in comparison.items():
+        table.add_row(
+            NAMES[name],
+            f"{100 * found.difference.mean:+.1f}",
+            _bounds(found.difference, "+"),
+            f"{100 * found.improvement.mean:.1f}",
+            _bounds(found.improvement),
+        )
+    return table
+
+
+def _bounds(interval: Interval, sign: str = "") -> str:
+    return f"[{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
+
+
+class EvaluationProgress:
+    """The bar that runs while episodes are flown, with the mean CRAL so far."""
+
+    def __init__(self, progress: Progress, label: str, total: int) -> None:
+        self._progress = progress
+        self._task = progress.add_task(label, total=total, cral="starting (the first run compiles)")
+        self._sum = 0.0
+        self._count = 0
+
+    def advance(self, record: EpisodeRecord) -> None:
+        """Count a finished episode."""
+        self._sum += record.cral
+        self._count += 1
+        self._progress.update(self._task, advance=1, cral=f"CRAL {100 * self._sum / self._count:.1f} %")
+
+
+@contextmanager
+def evaluation_progress(console: Console, label: str, total: int) -> Iterator[EvaluationProgress]:
+    """Show the progress of an evaluation in the block."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[cral]}"),
+    )
+    with Progress(*columns, console=console) as progress:
+        yield EvaluationProgress(progress, label, total)

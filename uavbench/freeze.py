@@ -1,0 +1,48 @@
+"""Freezing the validation and test episodes of a scenario in files."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.episode import Columns, episode_keys, frozen_bytes, split_size
+from uavbench.scenario import Scenario, SplitName
+from uavbench.simulator import Simulator
+
+FROZEN_SPLITS: tuple[SplitName, ...] = ("validation", "test")
+
+
+def draw(scenario: Scenario, split: SplitName) -> Columns:
+    """Draw all episodes of ``split`` from their keys, whether or not they are frozen already."""
+    size = split_size(scenario, split)
+    simulator = Simulator(scenario, size)
+    index = np.arange(size)
+    simulator.sample(index, episode_keys(split, index))
+    return simulator.columns()
+
+
+def freeze(scenario: Scenario) -> str:
+    """Write the files ``episodes/<id>-<split>.npz`` beside the scenario's.
+
+    Returns
+    -------
+    str
+        The lines that name them, to stand at the end of the scenario's file.
+    """
+    lines: list[str] = []
+    for split in FROZEN_SPLITS:
+        content = frozen_bytes(draw(scenario, split))
+        name = f"episodes/{scenario.id}-{split}.npz"
+        path: Path = scenario.path.parent / name
+        path.parent.mkdir(exist_ok=True)
+        temporary = path.with_suffix(".tmp")
+        temporary.write_bytes(content)
+        temporary.replace(path)
+        lines += [
+            f"[splits.{split}]",
+            f"episodes = {split_size(scenario, split)}",
+            f'file = "{name}"',
+            f'sha256 = "{hashlib.sha256(content).hexdigest()}"',
+            "",
+        ]
+    return "\n".join(lines)
