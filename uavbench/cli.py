@@ -90,9 +90,7 @@ def check(
 )
 def evaluate(
     agent: Annotated[str, typer.Option(help="path.py, path.py:Class, or a built-in's name (greedy, random).")],
-    scenario: Annotated[
-        list[str] | None, typer.Option(help="An id, the path of a .toml file, or 'all'; repeatable.")
-    ] = None,
+    scenario: Annotated[list[str] | None, typer.Option(help="An id, the path of a .toml file, or 'all'; repeatable.")] = None,
     split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
     episodes: Annotated[int | None, typer.Option(min=1, help="How many, from 0 on; all of the split by default.")] = None,
     out: Annotated[Path, typer.Option(help="Where results go.")] = Path("results"),

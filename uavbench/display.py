@@ -30,9 +30,7 @@ def scenario_table(scenarios: Iterable[Scenario]) -> Table:
             if isinstance(mission, Harvesting)
             else f"{mission.target_fraction[0]:.0%}–{mission.target_fraction[1]:.0%} of the cells"
         )
-        table.add_row(
-            scenario.id, "{}×{}".format(*scenario.shape), mission.kind, "{}–{}".format(*scenario.budget), targets
-        )
+        table.add_row(scenario.id, "{}×{}".format(*scenario.shape), mission.kind, "{}–{}".format(*scenario.budget), targets)
     return table
 
 

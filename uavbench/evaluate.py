@@ -212,9 +212,7 @@ class _Flight:
         return info
 
     @staticmethod
-    def _infos(
-        simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]
-    ) -> list[dict[str, Any]]:
+    def _infos(simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """Return fresh information for the running episodes."""
         position = simulator.state.position[running]
         masks = simulator.city.action_mask[position[:, 0], position[:, 1]]
@@ -318,7 +316,7 @@ def _ring(_signal: int, _frame: Any) -> None:
 @contextlib.contextmanager
 def _alarm() -> Iterator[None]:
     """Let `_set_alarm` work in the block, where it can."""
-    global _armed  # noqa: PLW0603 - a process has one timer
+    global _armed
     if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -11,7 +11,7 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-#: The metrics of an episode (paper Section V-B).
+#: The metrics of an episode (the paper's Table III).
 METRICS = ("landed", "cr", "cral")
 CONFIDENCE = 0.95
 _RESAMPLES = 10_000

@@ -72,7 +72,14 @@ class Observer:
         if self._local_size:
             _write_local(state.position, state.target, index, self._tables.crops, out["local"])
         _write_global(
-            state.position, state.target, state.budget, index, self._tables.means, self._scale, out["global"], out["budget"]
+            state.position,
+            state.target,
+            state.budget,
+            index,
+            self._tables.means,
+            self._scale,
+            out["global"],
+            out["budget"],
         )
 
 
@@ -105,7 +112,7 @@ def _write_local(
     crops: NDArray[np.float32],
     out: NDArray[np.float32],
 ) -> None:
-    """Write the local maps (paper eq. 12)."""
+    """Write the local maps."""
     size = out.shape[2]
     rows, cols = target.shape[1:]
     static = crops.shape[1]
@@ -131,7 +138,7 @@ def _write_global(
     out: NDArray[np.float32],
     out_budget: NDArray[np.float32],
 ) -> None:
-    """Write the global maps (paper eq. 14), static layers from the table, targets summed block by block; and budgets."""
+    """Write the global maps, static layers from the table, targets summed block by block; and budgets."""
     high, wide = out.shape[2:]
     rows, cols = target.shape[1:]
     static = means.shape[2]

@@ -1,6 +1,7 @@
 """Pictures of a running episode: frames for ``rgb_array`` and text for ``ansi``; both work headless."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ def frame(simulator: Simulator, i: int, path: Cells) -> NDArray[np.uint8]:
         large[::size] = large[::size] * 0.93
         large[:, ::size] = large[:, ::size] * 0.93
     half, thick = size // 2, max(1, size // 8)
-    for (r0, c0), (r1, c1) in zip(path[:-1], path[1:], strict=True):
+    for (r0, c0), (r1, c1) in pairwise(path):
         (top, bottom), (left, right) = sorted((r0, r1)), sorted((c0, c1))
         large[
             top * size + half - thick : bottom * size + half + thick,

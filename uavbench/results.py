@@ -241,7 +241,9 @@ def replay(result: Result) -> list[str]:
         for name, interval in _metrics(flown).items():
             for part, value in asdict(interval).items():
                 if abs(value - asdict(result.metrics[name])[part]) > 1e-9:
-                    wrong.append(f"summary.json: metrics.{name}.{part} is {value}, it says {asdict(result.metrics[name])[part]}")
+                    wrong.append(
+                        f"summary.json: metrics.{name}.{part} is {value}, it says {asdict(result.metrics[name])[part]}"
+                    )
     return wrong
 
 
@@ -261,9 +263,7 @@ def compare_results(first: Result, second: Result) -> dict[str, Comparison]:
     a, b = first.episodes().set_index("episode"), second.episodes().set_index("episode")
     if set(a.index) != set(b.index):
         raise ResultError(f"cannot compare: {first.folder} has {len(a)} episodes, {second.folder} others or {len(b)}")
-    return {
-        name: compare(a[name].to_numpy(np.float64), b.loc[a.index, name].to_numpy(np.float64)) for name in METRICS
-    }
+    return {name: compare(a[name].to_numpy(np.float64), b.loc[a.index, name].to_numpy(np.float64)) for name in METRICS}
 
 
 def _fly_again(scenario: Scenario, split: Any, number: int, actions: NDArray[np.uint8]) -> EpisodeRecord:
@@ -401,8 +401,7 @@ class _Partial:
         names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
         rows = zip(*(columns[name].tolist() for name in names), strict=True)
         records = [
-            EpisodeRecord(**dict(zip(names, row, strict=True)), actions=part)
-            for row, part in zip(rows, parts, strict=True)
+            EpisodeRecord(**dict(zip(names, row, strict=True)), actions=part) for row, part in zip(rows, parts, strict=True)
         ]
         return {record.episode: record for record in records}, float(columns["spent"])
 

@@ -1,6 +1,6 @@
 """What a scenario is: everything fixed under one id. Load, validate, identify.
 
-Source: the paper's Section V and Tables III and IV; the values of the shipped scenarios stand in ``scenarios/*.toml``.
+Source: Theile et al., ICAR 2021; the values of the shipped scenarios stand in ``scenarios/*.toml``.
 """
 
 import difflib
@@ -47,7 +47,7 @@ _Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 class Rewards(_Record):
-    """The terms of the reward (paper Section III-C).
+    """The terms of the reward.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Rewards(_Record):
 
 
 class ObservationSizes(_Record):
-    """The sizes of the global-local observation (paper eqs. 11 to 15): ``local_size`` l and ``global_scale`` g."""
+    """The sizes of the global-local observation (paper eqs. 5 to 15): ``local_size`` l and ``global_scale`` g."""
 
     local_size: Annotated[int, Field(ge=0)]
     global_scale: Annotated[int, Field(ge=1)]

@@ -1,7 +1,6 @@
 """The simulator: a batch of episodes, reset from keys and stepped by the rules of the world.
 
-Source: the paper's eqs. (1) to (4) and Section III-C, with uavSim settling what they leave open. A step is: move, pay the
-budget, end or not, and, where the UAV flies on, let the mission cover or collect. On a terminal step nothing is covered.
+Source: the paper's eqs. (1) and (2), with uavSim settling what they leave open. A step is: move, pay the budget, end or not, and, where the UAV flies on, let the mission cover or collect. On a terminal step nothing is covered.
 """
 
 from collections.abc import Mapping
@@ -154,7 +153,7 @@ class Simulator:
         Returns
         -------
         dict
-            ``landed`` (bool), ``cr`` and ``cral`` (float64, in [0, 1]; paper Section V-B), ``blocked`` (int64).
+            ``landed`` (bool), ``cr`` and ``cral`` (float64, in [0, 1]), ``blocked`` (int64).
         """
         slots, state = np.asarray(index, dtype=np.int64), self.state
         landed, total = state.landed[slots], state.total[slots]
@@ -207,9 +206,7 @@ class Simulator:
 
 
 @kernel
-def _start(
-    state: State, index: NDArray[np.int64], landing_cells: NDArray[np.int32], low: int, high: int
-) -> None:
+def _start(state: State, index: NDArray[np.int64], landing_cells: NDArray[np.int32], low: int, high: int) -> None:
     """Draw the start cells and budgets of the slots ``index``, and clear what an earlier episode left."""
     cursor = np.empty(1, dtype=np.uint64)
     for i in index:

@@ -96,9 +96,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         self.action_space = action_space()
         self._path: list[tuple[int, int]] = []
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Start an episode.
 
         Parameters

@@ -191,9 +191,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             "_final_info": ended.copy(),
         }
 
-    def _info(
-        self, ended: NDArray[np.int64], shown: NDArray[np.int64], started: NDArray[np.int64]
-    ) -> dict[str, Any]:
+    def _info(self, ended: NDArray[np.int64], shown: NDArray[np.int64], started: NDArray[np.int64]) -> dict[str, Any]:
         """Return the batched information: masks of ``shown``, metrics of ``ended``, names of ``started`` slots."""
         infos: dict[str, Any] = {}
 

@@ -1,6 +1,6 @@
 """Coverage path planning (CPP): fly so that the camera sees every target cell.
 
-Source: the paper's Sections II-B and V; the targets are those of uavSim.
+Source: Theile et al., ICAR 2021; the targets are those of uavSim.
 """
 
 from collections.abc import Mapping
@@ -78,7 +78,7 @@ class CoverageMission:
         """Cover what the cameras see, and add r_c per newly covered cell to the rewards."""
         _collect(state, self.views, self._parameters.camera_size // 2, self._collect_reward)
 
-    def view(self, i: int) -> Mapping[str, NDArray[Any]]:  # noqa: ARG002
+    def view(self, i: int) -> Mapping[str, NDArray[Any]]:
         """Return nothing: the target map says it all."""
         return {}
 

@@ -1,6 +1,6 @@
 """Data harvesting (DH): fly so that radio links empty every IoT device.
 
-Source: the paper's Sections II-C and V; channel model: Bayerlein et al., GLOBECOM 2020.
+Source: Theile et al., ICAR 2021; channel model: Bayerlein et al., GLOBECOM 2020.
 """
 
 import math
@@ -103,7 +103,7 @@ class HarvestingMission:
         _sample(state, self.devices, index, self._places, fewest, most, low, high)
         _place(state, self.devices, index, self._city.building, self._sights)
 
-    def columns(self, state: State, index: NDArray[np.int64]) -> Columns:  # noqa: ARG002
+    def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
         """Return the devices: ``device_count``, ``device_cell`` and ``device_data``, as in `Devices`."""
         d = self.devices
         return {
@@ -209,9 +209,7 @@ def _sights_of(city: City) -> Sights:
 
 
 @kernel
-def _sight(
-    sights: Sights, building: NDArray[np.bool_], r: int, c: int, seen: NDArray[np.bool_]
-) -> NDArray[np.uint8]:
+def _sight(sights: Sights, building: NDArray[np.bool_], r: int, c: int, seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
     """Return the packed view from (r, c), from the cache or into it; ``seen`` is scratch space."""
     rows, cols = building.shape
     cell = r * cols + c
@@ -228,9 +226,7 @@ def _sight(
 
 
 @kernel
-def _place(
-    state: State, devices: Devices, index: NDArray[np.int64], building: NDArray[np.bool_], sights: Sights
-) -> None:
+def _place(state: State, devices: Devices, index: NDArray[np.int64], building: NDArray[np.bool_], sights: Sights) -> None:
     """Make the target map, the lines of sight and the sums of the slots ``index`` from their devices."""
     seen = np.empty(building.shape, dtype=np.bool_)
     for i in index:

@@ -37,9 +37,7 @@ def paint_triangle(grid: NDArray[np.uint8], r: int, c: int, side: int) -> None:
 
 
 @kernel
-def paint_ellipse(
-    grid: NDArray[np.uint8], r: int, c: int, row_radius: float, col_radius: float, rotation: float
-) -> None:
+def paint_ellipse(grid: NDArray[np.uint8], r: int, c: int, row_radius: float, col_radius: float, rotation: float) -> None:
     """Paint the cells strictly inside a rotated ellipse around (r, c), clipped to the grid."""
     rows, cols = grid.shape
     rotation %= math.pi

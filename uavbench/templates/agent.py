@@ -1,4 +1,6 @@
-"""My agent. Try it with: uavbench check FILE, then: uavbench evaluate --agent FILE
+"""My agent.
+
+Try it with:  uavbench check FILE  and then:  uavbench evaluate --agent FILE
 
 The whole contract: https://uavbench.readthedocs.io/agents (docs/agents.md in the repository).
 """

@@ -1,0 +1,154 @@
+"""The vector environment is bit for bit what Gymnasium makes of single environments."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import data_equivalence
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from uavbench import scenario_ids
+from uavbench.envs.env import UAVEnv
+from uavbench.envs.vector_env import UAVVectorEnv
+
+N = 5
+CPP, DH = "Block8-CPP-v0", "Block8-DH-v0"
+MODES = list(AutoresetMode)
+
+
+def pair(name, mode, **kwargs):
+    ours = UAVVectorEnv(name, N, autoreset_mode=mode, **kwargs)
+    return ours, SyncVectorEnv([lambda: UAVEnv(name, **kwargs)] * N, autoreset_mode=mode)
+
+
+def same(ours, theirs):
+    """Equal to the last bit, types, keys and masks of infos included."""
+    assert sorted(ours[-1]) == sorted(theirs[-1])
+    for a, b in zip(ours[:-1], theirs[:-1], strict=True):
+        assert data_equivalence(a, b, exact=True)
+    infos(ours[-1], theirs[-1])
+
+
+def infos(ours, theirs):
+    for key, value in theirs.items():
+        if isinstance(value, dict):
+            infos(ours[key], value)
+        elif key == "final_obs":
+            for a, b in zip(ours[key], value, strict=True):
+                assert data_equivalence(a, b, exact=True)
+        else:
+            assert ours[key].dtype == value.dtype, key
+            assert np.array_equal(ours[key], value), key
+
+
+def actions(steps):
+    generator = np.random.default_rng(1)
+    some = generator.integers(0, 6, (steps, N))
+    return np.where(some == 5, np.where(generator.random((steps, N)) < 0.2, 5, 4), some)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize("name", [CPP, DH, "Manhattan32-DH-v0"])
+def test_equals_single_environments_over_many_episodes(name, mode):
+    ours, theirs = pair(name, mode)
+    same(ours.reset(seed=3), theirs.reset(seed=3))
+    ended = 0
+    for row in actions(200):
+        found = ours.step(row)
+        same(found, theirs.step(row))
+        ended += found[2].sum()
+    assert ended > N
+
+
+@pytest.mark.parametrize("name", [CPP, DH])
+def test_equals_single_environments_reset_by_mask(name):
+    ours, theirs = pair(name, "Disabled")
+    same(ours.reset(seed=3), theirs.reset(seed=3))
+    for row in actions(120):
+        found = ours.step(row)
+        same(found, theirs.step(row))
+        if found[2].any():
+            mask = found[2].copy()
+            same(ours.reset(options={"reset_mask": mask.copy()}), theirs.reset(options={"reset_mask": mask.copy()}))
+
+
+@pytest.mark.parametrize("name", [CPP, DH])
+def test_options_reach_every_environment(name):
+    ours, theirs = pair(name, "NextStep")
+    options = {"split": "test", "episode": 5, "budget": 12}
+    same(ours.reset(seed=1, options=dict(options)), theirs.reset(seed=1, options=dict(options)))
+    same(ours.reset(seed=[4, 5, 6, 7, 8]), theirs.reset(seed=[4, 5, 6, 7, 8]))
+
+
+def test_each_environment_can_have_its_own_episode():
+    envs = UAVVectorEnv(CPP, 3)
+    observations, info = envs.reset(options={"split": "test", "episode": [7, 0, 999]})
+    assert info["episode_number"].tolist() == [7, 0, 999]
+    for i, number in enumerate([7, 0, 999]):
+        single, _ = UAVEnv(CPP).reset(options={"split": "test", "episode": number})
+        assert np.array_equal(observations["global"][i], single["global"])
+
+
+@pytest.mark.parametrize("name", scenario_ids())
+def test_is_made_for_every_id_in_every_mode(name):
+    for mode in MODES:
+        envs = gym.make_vec(f"uavbench:uavbench/{name}", 3, vectorization_mode="vector_entry_point", autoreset_mode=mode.value)
+        observations, _ = envs.reset(seed=0)
+        assert envs.metadata["autoreset_mode"] is mode
+        assert observations in envs.observation_space
+        assert envs.step(envs.action_space.sample())[0] in envs.observation_space
+        assert gym.envs.registration.EnvSpec.from_json(envs.unwrapped.spec.to_json()).kwargs["autoreset_mode"] == mode.value
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_no_array_of_one_call_is_reused_by_another(mode):
+    envs = UAVVectorEnv(CPP, N, autoreset_mode=mode)
+    calls = [envs.reset(seed=0)]
+    calls += [envs.step(np.full(N, 4)) for _ in range(3)]
+    kept = [{name: values.copy() for name, values in call[0].items()} for call in calls]
+    for k, call in enumerate(calls):
+        assert data_equivalence(call[0], kept[k], exact=True)
+        for later in calls[k + 1 :]:
+            for name in call[0]:
+                assert not np.shares_memory(call[0][name], later[0][name])
+            assert not np.shares_memory(call[-1]["action_mask"], later[-1]["action_mask"])
+
+
+def test_environments_differ_from_each_other_and_between_seeds():
+    envs = UAVVectorEnv("Manhattan32-CPP-v0", 20)
+    first = envs.reset(seed=0)[1]["episode_number"].tolist()
+    second = envs.reset(seed=100)[1]["episode_number"].tolist()
+    unseeded = [UAVVectorEnv(CPP, 1).reset()[1]["episode_number"][0] for _ in range(3)]
+    assert len({*first, *second}) == 40
+    assert len(set(unseeded)) == 3
+
+
+def test_stepping_past_the_end_is_an_error_without_autoreset():
+    envs = UAVVectorEnv(CPP, 2, autoreset_mode="Disabled")
+    envs.reset(seed=0)
+    envs.step(np.array([5, 4]))
+    with pytest.raises(RuntimeError, match=r"slots \[0\]"):
+        envs.step(np.array([4, 4]))
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda: UAVVectorEnv(CPP, 0), ValueError, "num_envs"),
+        (lambda: UAVVectorEnv(CPP, 2, autoreset_mode="never"), ValueError, "never"),
+        (lambda: UAVVectorEnv(CPP, 2).reset(seed=[1]), ValueError, "1 seeds for 2"),
+        (lambda: UAVVectorEnv(CPP, 2).reset(options={"reset_mask": [True, False]}), TypeError, "reset_mask"),
+        (lambda: UAVVectorEnv(CPP, 2).reset(options={"reset_mask": np.zeros(2, bool)}), ValueError, "reset_mask"),
+        (lambda: UAVVectorEnv(CPP, 2).reset(options={"episode": [1, 2, 3]}), ValueError, "3 numbers for 2"),
+        (lambda: UAVVectorEnv(CPP, 2).reset(options={"start": [4, 4]}), ValueError, "landing"),
+    ],
+)
+def test_refuses_what_does_not_fit(call, error, message):
+    with pytest.raises(error, match=message):
+        call()
+
+
+def test_renders_every_environment():
+    envs = UAVVectorEnv(CPP, 2, render_mode="ansi")
+    envs.reset(seed=0)
+    envs.step(np.array([4, 5]))
+    assert [frame.count("@") for frame in envs.render()] == [1, 1]

@@ -1,0 +1,94 @@
+"""An id is a contract: its scenario, its frozen episodes and its transitions never change.
+
+When a digest here changes, the change is a new version of the id, not a new digest.
+"""
+
+import hashlib
+
+import numpy as np
+import pytest
+from record import digest
+
+from uavbench import load_scenario, scenario_ids
+from uavbench.episode import frozen_bytes, frozen_columns, split_size
+from uavbench.freeze import FROZEN_SPLITS, draw
+
+SCENARIOS = {
+    "Block8-CPP-v0": "43c301d74b011aec2cded9f226f0b5cfa92ba0ef5cc3b59dd37ddb892b0011b0",
+    "Block8-DH-v0": "767f5aa4ad9e748439b66b0420142d6097125b7941a5a5e3a73b93cb1add9a00",
+    "Manhattan32-CPP-Long-v0": "88f9f80731d63673c82423fd52a9ed375602ec1add3f5a7e7050575f55a741d2",
+    "Manhattan32-CPP-v0": "73d313b96251bb3b3c44f438d3124d6304cdba363cbe98673d5a26b1efc51867",
+    "Manhattan32-DH-Long-v0": "9516876c07189f2a5d0e88d91b534bbf73e6feda9585f08fe75183ec11459860",
+    "Manhattan32-DH-v0": "bbf0437e869b3c5ec986cc19245ebd85a6254be0455a2e9a1848f4d022d090bc",
+    "Urban50-CPP-Long-v0": "f3ddc486817c3bbd8c95d4b998a39c10463d26aaba1d7300f7a127d162d4ab08",
+    "Urban50-CPP-v0": "d049bb7171be37cd8b22d8398e7102f44c1c91bde06ce71b636d278cf49dab6d",
+    "Urban50-DH-Long-v0": "99049c5ba1fb06afff7f20f713f38e716f94b594940b9265372ca8b6e89c0cbe",
+    "Urban50-DH-v0": "f4f3c41d9595a6962c11777b9c5f5b3e2bce0eccc49902c4f39fc2a40481b38a",
+}
+
+TRANSITIONS = {
+    "Block8-CPP-v0": "77815db79e3e671c8c08a2446ca5b3b9988ff9a4afdbdb7bfadb199a83a64512",
+    "Block8-DH-v0": "ea0d39b155cdef01a913f74ca4ba8792f59d8b5f02d33bdd058326b8c6f3f392",
+    "Manhattan32-CPP-Long-v0": "4ea1fa3447ec4c5451f82f6caafe9e31384c912b585f3fc1113604f379ec0609",
+    "Manhattan32-CPP-v0": "f14cd1f03c839a74e20d9984d8b134806bd49fc35b209a955842e6f2d3b90504",
+    "Manhattan32-DH-Long-v0": "8ce640e5a7c533407ce5228e1869d7a7454c32e1daa497d91215d2561b946714",
+    "Manhattan32-DH-v0": "09017267f16375cda19ef25f01e3a82c28e614de809e3f6ee151817ef3406bd9",
+    "Urban50-CPP-Long-v0": "f1f921d2151955f73a2e647759b3faff204ef362c9d2a03a3b0a868fc9715db5",
+    "Urban50-CPP-v0": "4c16aa5cfeabd959610af7420332e4e21da5250c275a5e4dbaecb9f51fd8decd",
+    "Urban50-DH-Long-v0": "9dc13d6b2d99b7452354dd87c3691ac4e3fd0eec649496fa927430d870ad40db",
+    "Urban50-DH-v0": "0f0f4af6a326f0031448af2adaccc2e2aa1887ca04137d4597fe45c66fc30126",
+}
+
+
+def test_every_id_is_here():
+    assert set(SCENARIOS) == set(TRANSITIONS) == set(scenario_ids())
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_scenario_is_the_same(name):
+    assert load_scenario(name).digest == SCENARIOS[name]
+
+
+@pytest.mark.parametrize("name", TRANSITIONS)
+def test_the_transitions_and_observations_are_the_same(name):
+    assert digest(name) == TRANSITIONS[name]
+
+
+@pytest.mark.parametrize("split", FROZEN_SPLITS)
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_frozen_episodes_are_what_their_keys_draw(name, split):
+    scenario = load_scenario(name)
+    drawn, frozen = draw(scenario, split), frozen_columns(scenario, split)
+    assert frozen is not None
+    assert drawn.keys() == frozen.keys()
+    for column in drawn:
+        assert drawn[column].dtype == frozen[column].dtype
+        assert np.array_equal(drawn[column], frozen[column]), column
+    named = scenario.splits.test if split == "test" else scenario.splits.validation
+    assert hashlib.sha256(frozen_bytes(drawn)).hexdigest() == named.sha256
+    assert len(drawn["key"]) == split_size(scenario, split) == {"test": 1000, "validation": 200}[split]
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_frozen_episodes_keep_the_rules(name):
+    scenario = load_scenario(name)
+    rows = np.array([list(row) for row in scenario.rows])
+    columns = draw(scenario, "test")
+    low, high = scenario.budget
+    assert columns["budget"].min() == low
+    assert columns["budget"].max() == high
+    assert (rows[columns["start"][:, 0], columns["start"][:, 1]] == "L").all()
+    if scenario.mission.kind == "coverage":
+        targets = np.unpackbits(columns["targets"], axis=1, count=rows.size).astype(bool)
+        assert not targets[:, (rows == "#").ravel()].any()
+        assert targets.any(axis=1).all()
+        assert targets.mean(axis=1).max() <= scenario.mission.target_fraction[1]
+        return
+    count, cell, data = columns["device_count"], columns["device_cell"], columns["device_data"]
+    assert set(np.unique(count)) == set(range(scenario.mission.devices[0], scenario.mission.devices[1] + 1))
+    for k in range(cell.shape[1]):
+        there = count > k
+        assert np.isin(rows[cell[there, k, 0], cell[there, k, 1]], [".", "N"]).all()
+        assert ((data[there, k] >= 5) & (data[there, k] < 20)).all()
+    for row, n in zip(cell, count, strict=True):
+        assert len({tuple(c) for c in row[:n].tolist()}) == n
