@@ -4,7 +4,9 @@ Importing it registers its scenarios with Gymnasium, so that
 ``gymnasium.make("uavbench:uavbench/Manhattan32-CPP-v0")`` works.
 """
 
-from gymnasium.envs.registration import register as _register
+from typing import Any as _Any
+
+import gymnasium as _gymnasium
 
 from uavbench.resources import scenario_paths as _scenario_paths
 from uavbench.scenario import Scenario, ScenarioError, load_scenario
@@ -18,6 +20,7 @@ def scenario_ids() -> list[str]:
     return list(_scenario_paths())
 
 
+_register: _Any = _gymnasium.register
 for _id in scenario_ids():
     _register(
         id=f"uavbench/{_id}",

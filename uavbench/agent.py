@@ -52,7 +52,7 @@ class AgentSource:
     @property
     def track(self) -> Track:
         """What the agent may see."""
-        return self.load().track
+        return getattr(self.load(), "track", "observation")
 
     @property
     def batched(self) -> bool:
@@ -81,8 +81,6 @@ class AgentSource:
         track = getattr(found, "track", "observation")
         if track not in TRACKS:
             raise AgentLoadError(f"{self.path}: {self.class_name}.track is {track!r}; use 'observation' or 'state'")
-        if not hasattr(found, "track"):
-            found.track = "observation"
         return found
 
     def make(self, scenario: Scenario) -> Any:

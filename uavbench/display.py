@@ -1,8 +1,8 @@
 """What the commands print: tables, maps and the progress bar."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, cast
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -56,8 +56,8 @@ def scenario_text(scenario: Scenario) -> Text:
 def _flat(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Flatten nested parameters to dotted names."""
     for name, value in parts.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{name}.")
+        if isinstance(value, Mapping):
+            yield from _flat(cast("Mapping[str, Any]", value), f"{prefix}{name}.")
         elif value is not None:
             yield f"{prefix}{name}", value
 
@@ -119,7 +119,7 @@ class EvaluationProgress:
 
 
 @contextmanager
-def evaluation_progress(console: Console, label: str, total: int) -> Iterator[EvaluationProgress]:
+def evaluation_progress(console: Console, label: str, total: int) -> Generator[EvaluationProgress]:
     """Show the progress of an evaluation in the block."""
     columns = (
         TextColumn("{task.description}"),

@@ -7,8 +7,10 @@ change of a generator can touch them.
 
 import hashlib
 import io
+import operator
 from functools import lru_cache
 from pathlib import Path
+from typing import SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,11 +40,12 @@ def check_split(split: object) -> SplitName:
 def check_number(scenario: Scenario, split: SplitName, number: object) -> int:
     """Return ``number`` as an int when ``split`` has such an episode, else raise a ValueError that says so."""
     size = split_size(scenario, split)
-    if isinstance(number, bool) or not isinstance(number, int | np.integer):
+    if isinstance(number, bool) or not isinstance(number, SupportsIndex):
         raise ValueError(f"episode: {number!r} is not an integer")
+    number = operator.index(number)
     if not 0 <= number < size:
         raise ValueError(f"episode: {number} is out of range; {scenario.id} has {split} episodes 0 to {size - 1}")
-    return int(number)
+    return number
 
 
 def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uint64]:

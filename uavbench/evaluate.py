@@ -11,9 +11,9 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
-import joblib
+import joblib  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from numpy.typing import NDArray
 
@@ -116,9 +116,10 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[Ep
     size = job.batch_size if job.source.batched else 10
     size = max(1, min(size, -(-len(numbers) // workers)))
     chunks = [numbers[k : k + size] for k in range(0, len(numbers), size)]
-    parallel = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
     failed: str | None = None
-    for records, error in parallel(joblib.delayed(_fly_all)(job, chunk) for chunk in chunks):
+    fly: Any = cast("Any", joblib).delayed(_fly_all)
+    for records, error in parallel(fly(job, chunk) for chunk in chunks):
         yield from records
         failed = failed or error
         if failed:
@@ -182,7 +183,8 @@ class _Flight:
             step += 1
             ended = running[state.done[running]]
             outcomes = _rows(simulator.outcomes(ended)) if len(ended) else ()
-            for i, outcome in zip(ended.tolist(), outcomes, strict=True):
+            over: list[int] = ended.tolist()
+            for i, outcome in zip(over, outcomes, strict=True):
                 yield EpisodeRecord(
                     episode=int(numbers[i]),
                     budget=int(state.initial_budget[i]),
@@ -314,7 +316,7 @@ def _ring(_signal: int, _frame: Any) -> None:
 
 
 @contextlib.contextmanager
-def _alarm() -> Iterator[None]:
+def _alarm() -> Generator[None]:
     """Let `_set_alarm` work in the block, where it can."""
     global _armed
     if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():

@@ -45,7 +45,7 @@ def next_bits(cursor: NDArray[np.uint64]) -> np.uint64:
 @kernel
 def next_integer(cursor: NDArray[np.uint64], count: int) -> int:
     """Return an integer uniform in 0, …, ``count`` − 1 (its bias is below ``count`` / 2³²)."""
-    return np.int64(((next_bits(cursor) >> _32) * np.uint64(count)) >> _32)
+    return int(((next_bits(cursor) >> _32) * np.uint64(count)) >> _32)
 
 
 @kernel

@@ -240,10 +240,9 @@ def replay(result: Result) -> list[str]:
     if flown:
         for name, interval in _metrics(flown).items():
             for part, value in asdict(interval).items():
-                if abs(value - asdict(result.metrics[name])[part]) > 1e-9:
-                    wrong.append(
-                        f"summary.json: metrics.{name}.{part} is {value}, it says {asdict(result.metrics[name])[part]}"
-                    )
+                said = getattr(result.metrics[name], part)
+                if abs(value - said) > 1e-9:
+                    wrong.append(f"summary.json: metrics.{name}.{part} is {value}, it says {said}")
     return wrong
 
 
@@ -258,7 +257,8 @@ def compare_results(first: Result, second: Result) -> dict[str, Comparison]:
     for field in ("scenario", "scenario_digest", "split"):
         if first.summary[field] != second.summary[field]:
             raise ResultError(
-                f"cannot compare: {field} is {first.summary[field]} in {first.folder}, {second.summary[field]} in {second.folder}"
+                f"cannot compare: {field} is {first.summary[field]} in {first.folder}, "
+                f"{second.summary[field]} in {second.folder}"
             )
     a, b = first.episodes().set_index("episode"), second.episodes().set_index("episode")
     if set(a.index) != set(b.index):

@@ -1,6 +1,7 @@
 """The simulator: a batch of episodes, reset from keys and stepped by the rules of the world.
 
-Source: the paper's eqs. (1) and (2), with uavSim settling what they leave open. A step is: move, pay the budget, end or not, and, where the UAV flies on, let the mission cover or collect. On a terminal step nothing is covered.
+Source: the paper's eqs. (1) and (2), with uavSim settling what they leave open. A step is: move, pay the budget, end or
+not, and, where the UAV flies on, let the mission cover or collect. On a terminal step nothing is covered.
 """
 
 from collections.abc import Mapping
@@ -209,7 +210,8 @@ class Simulator:
 def _start(state: State, index: NDArray[np.int64], landing_cells: NDArray[np.int32], low: int, high: int) -> None:
     """Draw the start cells and budgets of the slots ``index``, and clear what an earlier episode left."""
     cursor = np.empty(1, dtype=np.uint64)
-    for i in index:
+    for n in range(len(index)):
+        i = int(index[n])
         cursor[0] = stream(state.key[i], START)
         cell = landing_cells[next_integer(cursor, len(landing_cells))]
         state.position[i] = cell

@@ -1,5 +1,7 @@
 """What an agent on the state track sees: everything but the noise to come."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,14 +65,14 @@ class StateView:
         """DH: the data left at each device, shape (K,)."""
         return self._mission("device_data")
 
-    def _mission(self, name: str) -> NDArray[np.generic]:
+    def _mission(self, name: str) -> NDArray[Any]:
         arrays = self._simulator.mission.view(self._i)
         if name not in arrays:
             raise AttributeError(f"{self.scenario.id} has no {name}: its mission is {self.scenario.mission.kind}")
         return _read_only(arrays[name])
 
 
-def _read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
     view = array.view()
     view.flags.writeable = False
     return view

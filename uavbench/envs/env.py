@@ -18,7 +18,7 @@ from uavbench.envs.core import (
 )
 from uavbench.episode import check_split
 from uavbench.observation import Observation, Observer
-from uavbench.scenario import Scenario
+from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
 
 _SLOT = np.zeros(1, dtype=np.int64)
@@ -89,11 +89,11 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
     ) -> None:
         self.scenario = load(scenario, local_size, global_scale)
         self.render_mode = check_render_mode(render_mode)
-        self._split = check_split(split)
+        self._split: SplitName = check_split(split)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.simulator.city, self.scenario.observation)
-        self.observation_space = observation_space(self.scenario, self._observer)
-        self.action_space = action_space()
+        self.observation_space: Any = observation_space(self.scenario, self._observer)
+        self.action_space: Any = action_space()
         self._path: list[tuple[int, int]] = []
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:

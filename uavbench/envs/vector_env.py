@@ -56,7 +56,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.render_mode = check_render_mode(render_mode)
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
-        self._split = check_split(split)
+        self._split: SplitName = check_split(split)
         self.simulator = Simulator(self.scenario, num_envs)
         self._observer = Observer(self.simulator.city, self.scenario.observation)
         self.single_observation_space = observation_space(self.scenario, self._observer)
@@ -89,14 +89,16 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         index = self._masked(given.pop("reset_mask", None))
         seeds = self._seeds(seed)
         episodes = given.pop("episode", None)
-        for i in index.tolist():
-            if seeds[i] is not None:
-                self._generators[i] = seeding.np_random(seeds[i])[0]
+        slots: list[int] = index.tolist()
+        for i in slots:
+            own = seeds[i]
+            if own is not None:
+                self._generators[i] = seeding.np_random(own)[0]
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seeds[0])
-        per_slot = {i: self._episode_option(given, episodes, i) for i in index.tolist()}
+        per_slot = {i: self._episode_option(given, episodes, i) for i in slots}
         self._start(index, per_slot)
-        for i in index.tolist():
+        for i in slots:
             try:
                 self.simulator.customise(i, given)
             except ValueError:
@@ -152,17 +154,18 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def _start(self, index: NDArray[np.int64], options: dict[int, dict[str, Any]]) -> None:
         """Start the next episodes in the slots ``index``."""
         by_split: dict[SplitName, list[tuple[int, int]]] = {}
-        for i in index.tolist():
+        slots: list[int] = index.tolist()
+        for i in slots:
             generator = self._generators[i]
             if generator is None:
                 generator = self._generators[i] = seeding.np_random()[0]
             split, number = choose_episode(self.scenario, self._split, options.get(i, {}), generator)
             by_split.setdefault(split, []).append((i, number))
         for split, chosen in by_split.items():
-            slots, numbers = zip(*chosen, strict=True)
-            self.simulator.reset(slots, split, numbers)
+            started, numbers = zip(*chosen, strict=True)
+            self.simulator.reset(started, split, numbers)
         if self.render_mode is not None:
-            for i in index.tolist():
+            for i in slots:
                 self._paths[i] = []
             self._extend_paths(index)
 
@@ -225,11 +228,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """Return the slots that ``reset_mask`` names."""
         if mask is None:
             return self._all
-        if not isinstance(mask, np.ndarray) or mask.dtype != np.bool_:
+        chosen: NDArray[Any] = mask
+        if not isinstance(mask, np.ndarray) or chosen.dtype != np.bool_:
             raise TypeError("reset_mask: not a numpy array of bool")
-        if mask.shape != (self.num_envs,) or not mask.any():
-            raise ValueError(f"reset_mask: shape {mask.shape}, expected ({self.num_envs},) with at least one True")
-        return np.flatnonzero(mask)
+        if chosen.shape != (self.num_envs,) or not chosen.any():
+            raise ValueError(f"reset_mask: shape {chosen.shape}, expected ({self.num_envs},) with at least one True")
+        return np.flatnonzero(chosen)
 
     def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         """Return the seed of every slot."""
@@ -245,8 +249,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """Return the options that pick slot ``i``'s episode."""
         if episodes is None:
             return given
-        if isinstance(episodes, Sequence | np.ndarray):
-            if len(episodes) != self.num_envs:
-                raise ValueError(f"episode: {len(episodes)} numbers for {self.num_envs} environments")
-            return {**given, "episode": episodes[i]}
-        return {**given, "episode": episodes}
+        if np.ndim(episodes) == 0:
+            return {**given, "episode": episodes}
+        if len(episodes) != self.num_envs:
+            raise ValueError(f"episode: {len(episodes)} numbers for {self.num_envs} environments")
+        return {**given, "episode": episodes[i]}

@@ -143,7 +143,8 @@ def _sample(
     cursor = np.empty(1, dtype=np.uint64)
     grid = np.empty(building.shape, dtype=np.uint8)
     cells = building.size
-    for i in index:
+    for n in range(len(index)):
+        i = int(index[n])
         cursor[0] = stream(state.key[i], CONTENT)
         left = 0
         for _ in range(attempts):

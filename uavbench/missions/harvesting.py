@@ -27,7 +27,7 @@ class Devices(NamedTuple):
 
     Attributes
     ----------
-    count : ndarray of int32, shape (B,)
+    number : ndarray of int32, shape (B,)
         Number of devices.
     cell : ndarray of int32, shape (B, K, 2)
         Their cells (row, column).
@@ -39,7 +39,7 @@ class Devices(NamedTuple):
         The device served in each communication step of the last move; −1 for none.
     """
 
-    count: NDArray[np.int32]
+    number: NDArray[np.int32]
     cell: NDArray[np.int32]
     data: NDArray[np.float64]
     sight: NDArray[np.uint8]
@@ -89,7 +89,7 @@ class HarvestingMission:
         self._places = np.argwhere(~(city.building | city.landing)).astype(np.int32)
         most = parameters.devices[1]
         self.devices = Devices(
-            count=np.zeros(num_envs, dtype=np.int32),
+            number=np.zeros(num_envs, dtype=np.int32),
             cell=np.zeros((num_envs, most, 2), dtype=np.int32),
             data=np.zeros((num_envs, most), dtype=np.float64),
             sight=np.zeros((num_envs, most, self._sights.bits.shape[1]), dtype=np.uint8),
@@ -107,14 +107,14 @@ class HarvestingMission:
         """Return the devices: ``device_count``, ``device_cell`` and ``device_data``, as in `Devices`."""
         d = self.devices
         return {
-            "device_count": d.count[index].astype(np.uint8),
+            "device_count": d.number[index].astype(np.uint8),
             "device_cell": d.cell[index].astype(np.int16),
             "device_data": d.data[index],
         }
 
     def restore(self, state: State, index: NDArray[np.int64], columns: Columns) -> None:
         """Set devices from columns."""
-        self.devices.count[index] = columns["device_count"]
+        self.devices.number[index] = columns["device_count"]
         self.devices.cell[index] = columns["device_cell"]
         self.devices.data[index] = columns["device_data"]
         _place(state, self.devices, index, self._city.building, self._sights)
@@ -148,7 +148,7 @@ class HarvestingMission:
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
         """Return ``device_cell`` (K, 2) and ``device_data`` (K,) left."""
-        d, k = self.devices, self.devices.count[i]
+        d, k = self.devices, self.devices.number[i]
         return {"device_cell": d.cell[i, :k], "device_data": d.data[i, :k]}
 
 
@@ -183,14 +183,15 @@ def _sample(
 ) -> None:
     """Draw the devices of the slots ``index``."""
     cursor = np.empty(1, dtype=np.uint64)
-    for i in index:
+    for n in range(len(index)):
+        i = int(index[n])
         cursor[0] = stream(state.key[i], CONTENT)
         devices.cell[i] = 0
         devices.data[i] = 0.0
         count = fewest + next_integer(cursor, most - fewest + 1)
-        devices.count[i] = count
+        devices.number[i] = count
         for k in range(count):
-            taken = True
+            r, c, taken = 0, 0, True
             while taken:
                 r, c = places[next_integer(cursor, len(places))]
                 taken = False
@@ -229,11 +230,12 @@ def _sight(sights: Sights, building: NDArray[np.bool_], r: int, c: int, seen: ND
 def _place(state: State, devices: Devices, index: NDArray[np.int64], building: NDArray[np.bool_], sights: Sights) -> None:
     """Make the target map, the lines of sight and the sums of the slots ``index`` from their devices."""
     seen = np.empty(building.shape, dtype=np.bool_)
-    for i in index:
+    for n in range(len(index)):
+        i = int(index[n])
         state.target[i] = 0.0
         state.total[i] = 0.0
         devices.served[i] = -1
-        for k in range(devices.count[i]):
+        for k in range(devices.number[i]):
             r, c = devices.cell[i, k]
             state.target[i, r, c] = devices.data[i, k]
             state.total[i] += devices.data[i, k]
@@ -256,14 +258,14 @@ def _collect(state: State, devices: Devices, channel: Channel, reward: float) ->
             r, c = r0 + k / channel.steps * (r1 - r0), c0 + k / channel.steps * (c1 - c0)
             cell = np.uint64(_round(r) * state.target.shape[2] + _round(c))
             byte, bit = cell >> np.uint64(3), np.uint8(cell & np.uint64(7))
-            best, log_snr = -1, -np.inf
-            for j in range(devices.count[i]):
+            best, log_snr = -1, -math.inf
+            for j in range(devices.number[i]):
                 if devices.data[i, j] <= 0.0:
                     continue
                 y, x = devices.cell[i, j]
                 metres_r, metres_c = (y - r) * channel.cell_size, (x - c) * channel.cell_size
                 square = metres_r * metres_r + metres_c * metres_c + channel.altitude * channel.altitude
-                sight = (devices.sight[i, j, byte] >> bit) & 1
+                sight = int((devices.sight[i, j, byte] >> bit) & 1)
                 # ln SNR orders devices as the rate does, and needs one logarithm instead of two powers and one.
                 level = channel.log_gain - channel.half_exponent[sight] * math.log(square)
                 if state.noise[i]:
@@ -277,7 +279,7 @@ def _collect(state: State, devices: Devices, channel: Channel, reward: float) ->
                 gain += served
                 state.target[i, devices.cell[i, best, 0], devices.cell[i, best, 1]] = devices.data[i, best]
         left = 0.0
-        for j in range(devices.count[i]):
+        for j in range(devices.number[i]):
             left += devices.data[i, j]
         state.remaining[i] = left
         state.reward[i] += reward * gain

@@ -114,6 +114,7 @@ def draw_shapes(cursor: NDArray[np.uint64], fewest: int, most: int, grid: NDArra
                 placed += 1
                 break
     painted = 0
-    for cell in grid.reshape(-1):
-        painted += cell
+    cells = grid.reshape(-1)
+    for k in range(len(cells)):
+        painted += int(cells[k])
     return painted, placed
