@@ -5,6 +5,7 @@ Importing it registers its scenarios with Gymnasium, so that
 """
 
 from typing import Any as _Any
+from typing import cast as _cast
 
 import gymnasium as _gymnasium
 
@@ -20,9 +21,8 @@ def scenario_ids() -> list[str]:
     return list(_scenario_paths())
 
 
-_register: _Any = _gymnasium.register
 for _id in scenario_ids():
-    _register(
+    _cast("_Any", _gymnasium).register(
         id=f"uavbench/{_id}",
         entry_point="uavbench.envs.env:UAVEnv",
         vector_entry_point="uavbench.envs.vector_env:UAVVectorEnv",

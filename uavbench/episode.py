@@ -6,7 +6,6 @@ change of a generator can touch them.
 """
 
 import hashlib
-import io
 import operator
 from functools import lru_cache
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.files import unpack_arrays
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, Split, SplitName
 
 #: Number of episodes of the train split.
@@ -82,15 +82,7 @@ def _read_frozen(scenario: Path, split: str, path: Path, sha256: str) -> Columns
     found = hashlib.sha256(content).hexdigest()
     if found != sha256:
         raise ScenarioError(f"{scenario}: splits.{split}.sha256: {path} has {found}: it is not the frozen file")
-    with np.load(io.BytesIO(content), allow_pickle=False) as table:
-        columns: Columns = {name: table[name] for name in table.files}
+    columns: Columns = unpack_arrays(content)
     for column in columns.values():
         column.flags.writeable = False
     return columns
-
-
-def frozen_bytes(columns: Columns) -> bytes:
-    """Return the file that freezes ``columns``: uncompressed, so that the same episodes give the same bytes."""
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **{name: columns[name] for name in sorted(columns)})
-    return buffer.getvalue()

@@ -9,6 +9,7 @@ import signal
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -117,15 +118,17 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[Ep
     size = max(1, min(size, -(-len(numbers) // workers)))
     chunks = [numbers[k : k + size] for k in range(0, len(numbers), size)]
     parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    failed: str | None = None
     fly: Any = cast("Any", joblib).delayed(_fly_all)
-    for records, error in parallel(fly(job, chunk) for chunk in chunks):
-        yield from records
-        failed = failed or error
-        if failed:
-            break
-    if failed:
-        raise AgentError(failed)
+    flown = parallel(fly(job, chunk) for chunk in chunks)
+    try:
+        for records, error in flown:
+            yield from records
+            if error:
+                raise AgentError(error)
+    finally:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # joblib's, that what still runs is cancelled: it is meant to be
+            flown.close()
 
 
 def _fly_all(job: Job, numbers: Sequence[int]) -> tuple[list[EpisodeRecord], str | None]:

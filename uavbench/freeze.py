@@ -1,11 +1,11 @@
 """Freezing the validation and test episodes of a scenario in files."""
 
 import hashlib
-from pathlib import Path
 
 import numpy as np
 
-from uavbench.episode import Columns, episode_keys, frozen_bytes, split_size
+from uavbench.episode import Columns, episode_keys, split_size
+from uavbench.files import pack_arrays, write_whole
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
 
@@ -31,13 +31,9 @@ def freeze(scenario: Scenario) -> str:
     """
     lines: list[str] = []
     for split in FROZEN_SPLITS:
-        content = frozen_bytes(draw(scenario, split))
+        content = pack_arrays(draw(scenario, split))  # uncompressed: compressors differ between machines
         name = f"episodes/{scenario.id}-{split}.npz"
-        path: Path = scenario.path.parent / name
-        path.parent.mkdir(exist_ok=True)
-        temporary = path.with_suffix(".tmp")
-        temporary.write_bytes(content)
-        temporary.replace(path)
+        write_whole(scenario.path.parent / name, content)
         lines += [
             f"[splits.{split}]",
             f"episodes = {split_size(scenario, split)}",

@@ -24,6 +24,7 @@ START, CONTENT, NOISE, AGENT = (np.uint64(n) for n in (1, 2, 3, 4))
 @kernel
 def mix(z: np.uint64) -> np.uint64:
     """Hash 64 bits to 64 bits, bijectively."""
+    z = np.uint64(z)  # Python calls a kernel with an int for what a kernel returned
     z = (z ^ (z >> _30)) * _MIX_1
     z = (z ^ (z >> _27)) * _MIX_2
     return z ^ (z >> _31)
@@ -32,7 +33,7 @@ def mix(z: np.uint64) -> np.uint64:
 @kernel
 def stream(key: np.uint64, purpose: np.uint64) -> np.uint64:
     """Return the state in which the stream of ``key`` for ``purpose`` begins."""
-    return mix(mix(key + _GOLDEN) + purpose * _GOLDEN)
+    return mix(mix(np.uint64(key) + _GOLDEN) + np.uint64(purpose) * _GOLDEN)
 
 
 @kernel
@@ -63,7 +64,7 @@ def next_uniform(cursor: NDArray[np.uint64], low: float, high: float) -> float:
 @kernel
 def normal(start: np.uint64, index: int) -> float:
     """Return element ``index`` of the standard normal stream that begins in state ``start``."""
-    bits = mix(start + np.uint64(index) * _GOLDEN)
+    bits = mix(np.uint64(start) + np.uint64(index) * _GOLDEN)
     return normal_quantile((np.float64(np.int64(bits >> _11)) + 0.5) * _UNIT)
 
 

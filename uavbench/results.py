@@ -4,9 +4,7 @@ Files are written whole or not at all. A run that was interrupted leaves what it
 `run` with ``resume`` goes on from there and ends in the same result.
 """
 
-import io
 import json
-import os
 import platform
 import shutil
 import time
@@ -22,6 +20,7 @@ from numpy.typing import NDArray
 from uavbench.agent import AgentSource
 from uavbench.episode import check_split, split_size
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.files import pack_arrays, unpack_arrays, write_whole
 from uavbench.metrics import CONFIDENCE, METRICS, Comparison, Interval, compare, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
@@ -75,13 +74,14 @@ class Result:
         """Return ``episodes.csv`` as a table."""
         import pandas as pd
 
-        return pd.read_csv(self.folder / "episodes.csv", float_precision="round_trip")
+        # Python's float() reads back to the last bit what was written; pandas' own parser need not.
+        return pd.read_csv(self.folder / "episodes.csv", converters=dict.fromkeys(("cr", "cral", "return"), float))
 
     def actions(self) -> dict[int, NDArray[np.uint8]]:
         """Return the actions of each episode, by its number."""
-        with np.load(self.folder / "actions.npz", allow_pickle=False) as table:
-            parts = np.split(table["actions"], table["offsets"][1:-1])
-            return dict(zip(table["episodes"].tolist(), parts, strict=True))
+        table = unpack_arrays((self.folder / "actions.npz").read_bytes())
+        parts = np.split(table["actions"], table["offsets"][1:-1])
+        return dict(zip(table["episodes"].tolist(), parts, strict=True))
 
 
 def jobs(
@@ -358,15 +358,12 @@ def _publish(folder: Path, summary: dict[str, Any], records: Sequence[EpisodeRec
 
 def _pack_actions(records: Sequence[EpisodeRecord]) -> bytes:
     """Return the bytes of ``actions.npz``: all actions in a row, and where each episode's begin."""
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        allow_pickle=False,
-        actions=np.concatenate([record.actions for record in records]),
-        offsets=np.cumsum([0, *(record.steps for record in records)]),
-        episodes=np.array([record.episode for record in records]),
-    )
-    return buffer.getvalue()
+    arrays = {
+        "actions": np.concatenate([record.actions for record in records]),
+        "offsets": np.cumsum([0, *(record.steps for record in records)]),
+        "episodes": np.array([record.episode for record in records]),
+    }
+    return pack_arrays(arrays, compress=True)
 
 
 class _Partial:
@@ -381,8 +378,7 @@ class _Partial:
         if not self._path.is_file():
             return {}, 0.0
         try:
-            with np.load(self._path, allow_pickle=False) as table:
-                columns = {name: table[name] for name in table.files}
+            columns = unpack_arrays(self._path.read_bytes())
             identity = json.loads(str(columns["identity"]))
         except (OSError, ValueError, KeyError) as error:
             raise ResultError(f"{self._path}: damaged ({error}); delete its folder to start over") from None
@@ -412,20 +408,10 @@ class _Partial:
         done = list(records.values())
         names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
         columns = {name: np.array([getattr(record, name) for record in done]) for name in names}
-        self._path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self._path.with_suffix(".tmp")
-        with temporary.open("wb") as file:
-            np.savez(
-                file,
-                allow_pickle=False,
-                **columns,
-                actions=np.concatenate([record.actions for record in done]),
-                identity=np.array(json.dumps(self._identity)),
-                spent=np.array(spent),
-            )
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(self._path)
+        columns["actions"] = np.concatenate([record.actions for record in done])
+        columns["identity"] = np.array(json.dumps(self._identity))
+        columns["spent"] = np.array(spent)
+        write_whole(self._path, pack_arrays(columns))
 
     def remove(self) -> None:
         """Forget the unfinished run: it is finished."""

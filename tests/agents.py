@@ -1,0 +1,167 @@
+"""Agents for tests, good and bad; each a class of its own: ``tests/agents.py:Class``."""
+
+import time
+
+import numpy as np
+
+
+class One:
+    """Random by the episode's seed, one episode at a time, and by what it sees."""
+
+    def __init__(self, scenario):
+        self.most = scenario.budget[1]
+
+    def reset(self, info):
+        self.generator = np.random.default_rng(info["seed"])
+
+    def act(self, observation, info):
+        assert observation["local"].ndim == observation["global"].ndim == 3
+        allowed = np.flatnonzero(info["action_mask"])
+        if len(allowed) > 3 and observation["budget"][0] > self.most / 4:
+            allowed = allowed[allowed != 5]
+        return allowed[int(self.generator.random() * len(allowed))]
+
+
+class Many(One):
+    """The same for many episodes at once."""
+
+    def reset(self, info):
+        super().reset(info)
+        self.generators = {**getattr(self, "generators", {}), info["episode"]: self.generator}
+
+    def act_batch(self, observations, infos):
+        actions = []
+        for i, info in enumerate(infos):
+            self.generator = self.generators[info["episode"]]
+            actions.append(self.act({name: values[i] for name, values in observations.items()}, info))
+        return np.array(actions)
+
+
+class Seer:
+    """Checks what the state track shows."""
+
+    track = "state"
+
+    def __init__(self, scenario):
+        pass
+
+    def act(self, observation, info):
+        state = info["state"]
+        for array in (state.target, state.city.landing, state.city.home):
+            try:
+                array[0, 0] = 1
+            except ValueError:
+                continue
+            raise AssertionError("an array of the state can be written")
+        assert state.budget == observation["budget"][0]
+        middle = observation["local"].shape[1] // 2
+        assert observation["local"][3, middle, middle] == state.target[state.position]
+        assert state.remaining <= state.total
+        assert state.scenario.budget[1] >= state.budget
+        if state.scenario.mission.kind == "harvesting":
+            assert len(state.device_cell) == len(state.device_data)
+            assert np.isclose(state.device_data.sum(), state.remaining)
+        return 5 if state.city.landing[state.position] and state.budget < 8 else 4
+
+
+class Blind:
+    """Looks for the state on the observation track."""
+
+    def __init__(self, scenario):
+        pass
+
+    def act(self, observation, info):
+        return 4 if "state" not in info else 9
+
+
+class _Bad(Blind):
+    step = 3
+
+    def reset(self, info):
+        self.episode, self.steps = info["episode"], 0
+
+    def act(self, observation, info):
+        self.steps += 1
+        return self.answer() if self.episode == 3 and self.steps == self.step + 1 else 4
+
+    def answer(self):
+        raise NotImplementedError
+
+
+class Raises(_Bad):
+    def answer(self):
+        raise RuntimeError("lost my way")
+
+
+class WrongShape(_Bad):
+    def answer(self):
+        return [1, 2]
+
+
+class NotANumber(_Bad):
+    def answer(self):
+        return float("nan")
+
+
+class OutOfRange(_Bad):
+    def answer(self):
+        return 6
+
+
+class Nothing(_Bad):
+    def answer(self):
+        return None
+
+
+class Slow(_Bad):
+    def answer(self):
+        try:
+            time.sleep(30)
+        except Exception:
+            return 4
+        return 4
+
+
+class Interrupted(_Bad):
+    def answer(self):
+        raise KeyboardInterrupt
+
+
+class WrongBatch(Blind):
+    def act_batch(self, observations, infos):
+        return np.zeros((len(infos), 1), dtype=int)
+
+
+class BadBatch(Blind):
+    def act_batch(self, observations, infos):
+        return np.where([info["episode"] == 3 for info in infos], 7, 4)
+
+
+class BadInit:
+    def __init__(self, scenario):
+        raise OSError("no weights")
+
+    def act(self, observation, info):
+        return 4
+
+
+class Remembers(Blind):
+    """Its actions depend on what was flown before."""
+
+    count = 0
+
+    def act(self, observation, info):
+        self.count += 1
+        return 4 if self.count % 7 else int(self.count % 3)
+
+
+class Mute:
+    def __init__(self, scenario):
+        pass
+
+
+class Cheater(Blind):
+    track = "everything"
+
+
+not_a_class = 3

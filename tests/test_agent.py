@@ -1,0 +1,80 @@
+"""Finding and loading agents."""
+
+from pathlib import Path
+
+import pytest
+
+from uavbench import load_scenario
+from uavbench.agent import AgentLoadError, find_agent
+from uavbench.resources import baseline_paths
+
+AGENTS = Path(__file__).parent / "agents.py"
+
+
+@pytest.mark.parametrize("name", ["random", "greedy"])
+def test_a_built_in_is_its_file(name):
+    by_name, by_path = find_agent(name), find_agent(str(baseline_paths()[name]))
+    assert (by_name.name, by_name.sha256) == (name, by_path.sha256)
+    assert by_name.load() is by_path.load()
+
+
+def test_a_class_can_be_named():
+    source = find_agent(f"{AGENTS}:Many")
+    assert (source.name, source.track, source.batched) == ("agents.Many", "observation", True)
+    assert find_agent(f"{AGENTS}:Seer").track == "state"
+    assert not find_agent(f"{AGENTS}:One").batched
+    assert type(source.make(load_scenario("Block8-CPP-v0"))).__name__ == "Many"
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("gredy", "built in are greedy, random"),
+        ("missing.py", "no file missing.py"),
+        ("missing.py:Class", "no file missing.py"),
+    ],
+)
+def test_what_is_not_there_is_refused(spec, message):
+    with pytest.raises(AgentLoadError, match=message):
+        find_agent(spec)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("", "has no class Agent; name yours as"),
+        (":Absent", "has no class Absent"),
+        (":not_a_class", "has no class not_a_class"),
+        (":Mute", "has neither act"),
+        (":Cheater", "track is 'everything'"),
+    ],
+)
+def test_what_does_not_keep_the_contract_is_refused(name, message):
+    with pytest.raises(AgentLoadError, match=message):
+        find_agent(f"{AGENTS}{name}").load()
+
+
+def test_a_file_that_does_not_import_is_refused(tmp_path):
+    path = tmp_path / "broken.py"
+    path.write_text("import nothing_of_this_name\n")
+    with pytest.raises(AgentLoadError, match=r"broken\.py: importing it raised ModuleNotFoundError"):
+        find_agent(str(path)).load()
+
+
+def test_an_agent_may_import_its_neighbours(tmp_path):
+    (tmp_path / "my_neighbour_module.py").write_text("ACTION = 4\n")
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "from my_neighbour_module import ACTION\n"
+        "class Agent:\n    def __init__(self, s): pass\n    def act(self, o, i): return ACTION\n"
+    )
+    assert find_agent(str(path)).make(load_scenario("Block8-CPP-v0")).act({}, {}) == 4
+
+
+def test_an_edited_file_is_loaded_anew(tmp_path):
+    path = tmp_path / "mine.py"
+    text = "class Agent:\n    def __init__(self, s): pass\n    def act(self, o, i): return 4\n"
+    path.write_text(text)
+    assert find_agent(str(path)).load()(None).act({}, {}) == 4
+    path.write_text(text.replace("4\n", "3\n"))
+    assert find_agent(str(path)).load()(None).act({}, {}) == 3

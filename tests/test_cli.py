@@ -1,0 +1,176 @@
+"""The commands, as a user types them."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+import uavbench
+from uavbench.cli import app
+
+AGENTS = Path(__file__).parent / "agents.py"
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch):
+    """Run a command in an empty folder; return its exit code and all it printed."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*words):
+        found = CliRunner().invoke(app, [str(word) for word in words])
+        return found.exit_code, found.output
+
+    return run
+
+
+def test_the_main_job(call):
+    assert call("new", "my_agent.py")[0] == 0
+    code, text = call("check", "my_agent.py")
+    assert code == 0
+    assert "keeps the contract" in text
+    code, text = call("evaluate", "--agent", "my_agent.py", "--scenario", "Manhattan32-CPP-v0", "--episodes", 30)
+    assert code == 0
+    for line in (r"Landed.*\[", r"CR .*\[", r"CRAL.*\[", "30/30"):
+        assert re.search(line, text), line
+    folder = "results/Manhattan32-CPP-v0/my_agent"
+    assert Path(folder, "summary.json").is_file()
+    code, text = call("replay", folder)
+    assert code == 0
+    assert "all 30 episodes reproduced" in text
+    call("evaluate", "--agent", "greedy", "--episodes", 30)
+    code, text = call("compare", "results/Manhattan32-CPP-v0/greedy", folder)
+    assert code == 0
+    assert re.search(r"CRAL.*\+\d\d\.\d.*\[\+", text)
+
+
+def test_lists_and_shows_every_scenario(call):
+    code, text = call("list")
+    assert code == 0
+    for name in uavbench.scenario_ids():
+        assert name in text
+        code, shown = call("show", name)
+        assert code == 0
+        assert uavbench.load_scenario(name).digest in shown
+        assert uavbench.load_scenario(name).rows[0] in shown
+
+
+def test_help_has_examples_for_every_command(call):
+    commands = ("list", "show", "new", "check", "evaluate", "replay", "compare", "freeze")
+    assert all(command in call("--help")[1] for command in commands)
+    for command in commands:
+        code, text = call(command, "--help")
+        assert code == 0
+        assert f"uavbench {command}" in text.split("Example")[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["show", "Manhatan32-CPP-v0"], "did you mean Manhattan32-CPP-v0?"),
+        (["evaluate", "--agent", "gredy"], "built in are greedy, random"),
+        (["evaluate", "--agent", "random", "--scenario", "Block9"], "unknown scenario"),
+        (["evaluate", "--agent", "random", "--split", "tset"], "--split"),
+        (["evaluate", "--agent", "random", "--episodes", "5000"], "has 1000 test episodes"),
+        (["evaluate", "--agent", f"{AGENTS}:Mute"], "has neither act"),
+        (["replay", "nowhere"], "summary.json: missing"),
+        (["compare", "nowhere", "elsewhere"], "summary.json: missing"),
+        (["freeze", "nowhere.toml"], "there is no such file"),
+        (["new", "no/such/folder.py"], "cannot write it"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_status_2(call, words, message):
+    code, text = call(*words)
+    assert code == 2
+    assert message in text
+    assert text.count("\n") == 1
+    assert not Path("results").exists()
+
+
+def test_new_does_not_overwrite(call):
+    Path("mine.py").write_text("precious")
+    code, text = call("new", "mine.py")
+    assert code == 2
+    assert "exists already" in text
+    assert Path("mine.py").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("Raises", "RuntimeError: lost my way"), ("WrongShape", "[1, 2]"), ("NotANumber", "nan"), ("OutOfRange", "returned 6")],
+)
+def test_a_failing_agent_is_exit_status_1_and_its_episodes_are_kept(call, name, message):
+    code, text = call("evaluate", "--agent", f"{AGENTS}:{name}", "--scenario", "Block8-DH-v0")
+    assert code == 1
+    assert f"agents.{name} on Block8-DH-v0, test episode 3, step 3: " in text
+    assert message in text
+    assert "--resume" in text
+    assert Path(f"results/Block8-DH-v0/agents.{name}.partial/records.npz").is_file()
+    code, text = call("check", f"{AGENTS}:{name}")
+    assert code == 1
+    assert text.count("\n") == 1
+    assert message in text
+
+
+def test_a_timeout_is_exit_status_1(call):
+    words = ("--agent", f"{AGENTS}:Slow", "--scenario", "Block8-DH-v0", "--decision-timeout", 0.2)
+    code, text = call("evaluate", *words)
+    assert code == 1
+    assert "longer than 0.2 s" in text
+
+
+def test_check_finds_an_agent_that_remembers(call):
+    code, text = call("check", f"{AGENTS}:Remembers")
+    assert code == 1
+    assert 'take randomness from info["seed"]' in text
+
+
+@pytest.mark.skipif(os.name == "nt", reason="sends SIGINT, which Windows does not have")
+@pytest.mark.parametrize("workers", [1, 2])
+def test_ctrl_c_keeps_what_was_finished(tmp_path, workers):
+    agent = tmp_path / "slow.py"
+    agent.write_text(
+        "import time\nclass Agent:\n    def __init__(self, s): pass\n"
+        "    def act(self, o, i):\n        time.sleep(0.001); return 4\n"
+    )
+    words = [sys.executable, "-c", "from uavbench.cli import app; app()", "evaluate", "--agent", str(agent)]
+    words += ["--scenario", "Block8-CPP-v0", "--workers", str(workers), "--out", str(tmp_path)]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    time.sleep(9)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 1, errors
+    assert "interrupted; what was finished is kept" in errors
+    assert (tmp_path / "Block8-CPP-v0" / "slow.partial" / "records.npz").is_file()
+
+
+def test_freezes_a_users_own_scenario(call, tmp_path):
+    shipped = uavbench.load_scenario("Block8-CPP-v0").path
+    text = shipped.read_text().split("[splits")[0].replace("Block8-CPP-v0", "Mine-v0")
+    text = text.replace("maps/Block8.txt", str(shipped.parent / "maps" / "Block8.txt"))
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    before = uavbench.load_scenario(path)
+    code, lines = call("freeze", path)
+    assert code == 0
+    path.write_text(text + lines)
+    after = uavbench.load_scenario(path)
+    assert after.splits.test.sha256 is not None
+    assert after.digest != before.digest
+    from uavbench.episode import frozen_columns
+
+    assert frozen_columns(after, "test") is not None
+
+
+def test_help_and_import_leave_the_heavy_libraries_alone():
+    code = (
+        "import sys, uavbench, uavbench.cli; print([m for m in ('numba', 'pandas', 'matplotlib', 'torch') if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"

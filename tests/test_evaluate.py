@@ -1,0 +1,133 @@
+"""Evaluation: scores that depend on nothing but agent and episodes, and clear words when an agent fails."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from uavbench import load_scenario
+from uavbench.agent import find_agent
+from uavbench.evaluate import AgentError, Job, evaluate
+from uavbench.simulator import Simulator
+
+AGENTS = Path(__file__).parent / "agents.py"
+
+
+def job(name, scenario="Block8-DH-v0", **changes):
+    source = find_agent(name if name in ("random", "greedy") else f"{AGENTS}:{name}")
+    return Job(source, load_scenario(scenario), "test", **changes)
+
+
+def scores(job, numbers=range(30), workers=1):
+    """All that a record holds, but for the time it took."""
+    return {
+        r.episode: (r.budget, r.steps, r.landed, r.cr, r.cral, r.blocked, r.total_reward, r.actions.tobytes())
+        for r in evaluate(job, numbers, workers)
+    }
+
+
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Manhattan32-DH-v0"])
+def test_the_score_does_not_depend_on_batch_size_workers_order_or_kind_of_agent(scenario):
+    expected = scores(job("One", scenario))
+    assert len(expected) == 30
+    assert scores(job("Many", scenario)) == expected
+    assert scores(job("Many", scenario, batch_size=7)) == expected
+    assert scores(job("Many", scenario, batch_size=1)) == expected
+    assert scores(job("One", scenario), range(29, -1, -1)) == expected
+    assert scores(job("One", scenario), workers=2) == expected
+    assert scores(job("Many", scenario, batch_size=4), workers=2) == expected
+
+
+@pytest.mark.parametrize("name", ["random", "greedy"])
+def test_built_ins_do_not_depend_on_the_batch_either(name):
+    one = job(name, "Block8-CPP-v0")
+    assert scores(one, range(12)) == scores(job(name, "Block8-CPP-v0", batch_size=5), range(11, -1, -1))
+
+
+def test_a_record_tells_what_happened():
+    for record in evaluate(job("One"), range(10)):
+        simulator = Simulator(load_scenario("Block8-DH-v0"), 1)
+        simulator.reset([0], "test", [record.episode])
+        assert record.budget == simulator.state.budget[0]
+        total = 0.0
+        for action in record.actions:
+            assert not simulator.state.done[0]
+            simulator.step([action])
+            total += simulator.state.reward[0]
+        assert simulator.state.done[0]
+        outcome = simulator.outcomes([0])
+        assert (record.landed, record.cr, record.cral, record.blocked) == tuple(v[0] for v in outcome.values())
+        assert (record.steps, record.total_reward) == (len(record.actions), total)
+
+
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0"])
+def test_the_state_track_shows_everything_and_nothing_can_be_written(scenario):
+    assert len(scores(job("Seer", scenario), range(5))) == 5
+
+
+def test_the_observation_track_does_not_show_the_state():
+    assert len(scores(job("Blind"), range(3))) == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("Raises", "act() raised RuntimeError: lost my way"),
+        ("WrongShape", "act() returned [1, 2] (int64 of shape (2,)), expected an integer from 0 to 5"),
+        ("NotANumber", "act() returned nan (float64), expected an integer"),
+        ("OutOfRange", "act() returned 6, expected an integer from 0 to 5"),
+        ("Nothing", "act() returned None (object), expected an integer"),
+    ],
+)
+def test_a_failing_agent_is_told_where_and_why(name, reason):
+    with pytest.raises(AgentError) as caught:
+        list(evaluate(job(name), range(10)))
+    message = str(caught.value)
+    assert message.startswith(f"agents.{name} on Block8-DH-v0, test episode 3, step 3: {reason}")
+    if name == "Raises":
+        assert 'raise RuntimeError("lost my way")' in message
+        assert "agents.py" in message
+        assert "evaluate.py" not in message
+
+
+def finished_before_failure(failing, workers=1):
+    flown, finished = evaluate(failing, range(10), workers), []
+    with pytest.raises(AgentError):
+        finished.extend(iter(lambda: next(flown).episode, None))
+    return finished
+
+
+def test_what_was_finished_before_a_failure_is_yielded():
+    assert finished_before_failure(job("OutOfRange")) == [0, 1, 2]
+    assert {0, 1, 2} <= set(finished_before_failure(job("OutOfRange"), workers=2))
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("WrongBatch", "act_batch() returned shape (10, 1), expected (10,)"),
+        ("BadBatch", "test episode 3, step 0: act_batch() returned np.int64(7)"),
+        ("BadInit", "__init__() raised OSError: no weights"),
+    ],
+)
+def test_batches_and_constructors_are_checked_too(name, reason):
+    with pytest.raises(AgentError) as caught:
+        list(evaluate(job(name), range(10)))
+    assert reason in str(caught.value)
+
+
+def test_a_slow_decision_is_stopped():
+    started = time.perf_counter()
+    with pytest.raises(AgentError, match=r"test episode 3, step 3: act\(\) took longer than 0.2 s"):
+        list(evaluate(job("Slow", decision_timeout=0.2), range(10)))
+    assert time.perf_counter() - started < 20
+
+
+def test_greedy_beats_random_by_a_wide_margin_and_always_lands():
+    for scenario in ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0"):
+        greedy = list(evaluate(job("greedy", scenario), range(40)))
+        chance = list(evaluate(job("random", scenario), range(40)))
+        assert all(record.landed for record in greedy)
+        assert np.mean([r.landed for r in chance]) > 0.6
+        assert np.mean([r.cral for r in greedy]) > np.mean([r.cral for r in chance]) + 0.5

@@ -1,0 +1,253 @@
+"""Results on disk: whole or not at all, resumable, reproducible by anyone."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from uavbench import load_scenario
+from uavbench.agent import find_agent
+from uavbench.evaluate import AgentError, Job
+from uavbench.results import COLUMNS, ResultError, compare_results, jobs, load_result, replay, run
+
+AGENTS = Path(__file__).parent / "agents.py"
+N = 20
+
+
+def job(name="One", scenario="Block8-DH-v0", **changes):
+    source = find_agent(name if name in ("random", "greedy") else f"{AGENTS}:{name}")
+    return Job(source, load_scenario(scenario), "test", **changes)
+
+
+@pytest.fixture
+def result(tmp_path):
+    return run(job(), range(N), tmp_path)
+
+
+def files(folder):
+    """The files that a result is, without what tells the time."""
+    summary = json.loads((folder / "summary.json").read_text())
+    for name in ("wall_time", "decisions_per_second", "workers"):
+        del summary[name]
+    return summary, (folder / "episodes.csv").read_bytes(), (folder / "actions.npz").read_bytes()
+
+
+def test_a_result_is_three_files_in_their_place(result, tmp_path):
+    folder = tmp_path / "Block8-DH-v0" / "agents.One"
+    assert result.folder == folder
+    assert sorted(path.name for path in folder.iterdir()) == ["actions.npz", "episodes.csv", "summary.json"]
+    assert [path.name for path in folder.parent.iterdir()] == ["agents.One"]
+    assert load_result(folder).summary == result.summary
+
+
+def test_the_summary_tells_all_that_the_score_depends_on(result):
+    summary = result.summary
+    for name in ("landed", "cr", "cral"):
+        assert set(summary["metrics"][name]) == {"mean", "low", "high"}
+        assert 0 <= summary["metrics"][name]["low"] <= summary["metrics"][name]["mean"] <= summary["metrics"][name]["high"] <= 1
+    assert summary["track"] == "observation"
+    assert summary["agent_sha256"] == find_agent(str(AGENTS)).sha256
+    assert summary["scenario_digest"] == load_scenario("Block8-DH-v0").digest
+    assert set(summary["versions"]) == {"python", "numpy", "numba", "platform"}
+    assert summary["uavbench"]
+    assert summary["wall_time"] > 0
+    assert summary["decisions_per_second"] > 0
+
+
+def test_episodes_csv_holds_every_episode(result):
+    table = result.episodes()
+    assert list(table.columns) == list(COLUMNS)
+    assert table["episode"].tolist() == list(range(N))
+    assert np.allclose(table["cral"], table["cr"] * table["landed"])
+    assert table["cr"].mean() == pytest.approx(result.metrics["cr"].mean)
+    assert {number: len(actions) for number, actions in result.actions().items()} == dict(
+        zip(table["episode"], table["steps"], strict=True)
+    )
+
+
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0"])
+def test_replay_reproduces_every_number(scenario, tmp_path):
+    assert replay(run(job(scenario=scenario), range(N), tmp_path)) == []
+
+
+def tamper_table(folder, column, change):
+    table = pd.read_csv(folder / "episodes.csv")
+    table.loc[4, column] = change(table.loc[4, column])
+    table.to_csv(folder / "episodes.csv", index=False)
+
+
+@pytest.mark.parametrize("column", [name for name in COLUMNS if name != "episode"])
+def test_replay_finds_a_changed_number(result, column):
+    tamper_table(result.folder, column, lambda value: value + 1)
+    assert any(f"episode 4: {column}" in line for line in replay(load_result(result.folder)))
+
+
+def test_replay_finds_a_changed_summary(result):
+    path = result.folder / "summary.json"
+    summary = json.loads(path.read_text())
+    summary["metrics"]["cral"]["mean"] += 0.01
+    path.write_text(json.dumps(summary))
+    assert replay(load_result(result.folder)) != []
+
+
+def test_replay_finds_changed_dropped_or_added_actions(result):
+    with np.load(result.folder / "actions.npz") as table:
+        columns = dict(table)
+    first = columns["offsets"][1]
+    for change in (
+        {"actions": np.r_[(columns["actions"][0] + 1) % 4, columns["actions"][1:]].astype(np.uint8)},
+        {"actions": columns["actions"][1:], "offsets": np.r_[0, columns["offsets"][1:] - 1]},
+        {
+            "actions": np.r_[columns["actions"][:first], 4, columns["actions"][first:]].astype(np.uint8),
+            "offsets": np.r_[0, columns["offsets"][1:] + 1],
+        },
+        {"episodes": np.r_[columns["episodes"][:-1], 999]},
+    ):
+        np.savez(result.folder / "actions.npz", **{**columns, **change})
+        assert replay(load_result(result.folder)) != []
+
+
+def test_replay_refuses_another_scenario(result):
+    path = result.folder / "summary.json"
+    path.write_text(path.read_text().replace(result.summary["scenario_digest"], "0" * 64))
+    with pytest.raises(ResultError, match="scenario_digest"):
+        replay(load_result(result.folder))
+
+
+@pytest.mark.parametrize("name", ["summary.json", "episodes.csv", "actions.npz"])
+def test_a_missing_or_damaged_file_is_refused(result, name):
+    content = (result.folder / name).read_bytes()
+    (result.folder / name).write_bytes(content[: len(content) // 2])
+    try:
+        wrong = replay(load_result(result.folder))
+    except ResultError as error:
+        assert str(result.folder) in str(error)  # noqa: PT017
+    else:
+        assert wrong != []
+    (result.folder / name).unlink()
+    with pytest.raises(ResultError, match=name):
+        load_result(result.folder)
+
+
+def interrupt(out, stopped, numbers=range(N), workers=1):
+    """Run until the agent fails or is interrupted in episode 3."""
+    with pytest.raises((AgentError, KeyboardInterrupt)):
+        run(stopped, numbers, out, workers=workers)
+
+
+@pytest.fixture
+def stoppable(tmp_path):
+    """An agent that stops at episode 7 for as long as a file is there."""
+    stop = tmp_path / "stop"
+    stop.touch()
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "import os, sys\n"
+        f"sys.path.insert(0, {str(AGENTS.parent)!r})\n"
+        "import agents\n"
+        "class Agent(agents.One):\n"
+        "    def act(self, observation, info):\n"
+        f"        if info['episode'] == 7 and os.path.exists({str(stop)!r}):\n"
+        "            raise WHAT\n"
+        "        return super().act(observation, info)\n"
+    )
+    return path, stop
+
+
+@pytest.mark.parametrize("what", ["KeyboardInterrupt", "ValueError('no')"])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_interrupted_run_resumes_to_the_same_result(stoppable, tmp_path, what, workers):
+    if what == "KeyboardInterrupt" and workers == 2:
+        what = "RuntimeError('no')"
+    path, stop = stoppable
+    path.write_text(path.read_text().replace("WHAT", what))
+    mine = Job(find_agent(str(path)), load_scenario("Block8-DH-v0"), "test")
+    interrupt(tmp_path / "broken", mine, workers=workers)
+    folder = tmp_path / "broken" / "Block8-DH-v0"
+    assert [found.name for found in folder.iterdir()] == ["mine.partial"]
+    with pytest.raises(ResultError, match=r"unfinished run of mine .* of 20 episodes done: finish it with --resume"):
+        run(mine, range(N), tmp_path / "broken")
+    stop.unlink()
+    seen = []
+    resumed = run(mine, range(N), tmp_path / "broken", resume=True, on_record=lambda r: seen.append(r.episode))
+    assert sorted(seen) == list(range(N))
+    whole = run(mine, range(N), tmp_path / "whole")
+    assert files(resumed.folder) == files(whole.folder)
+    assert [found.name for found in folder.iterdir()] == ["mine"]
+
+
+def test_a_run_does_not_resume_as_another(stoppable, tmp_path):
+    path, stop = stoppable
+    path.write_text(path.read_text().replace("WHAT", "ValueError('no')"))
+    scenario = load_scenario("Block8-DH-v0")
+    interrupt(tmp_path, Job(find_agent(str(path)), scenario, "test"))
+    stop.unlink()
+    for changed, numbers, name in (
+        (Job(find_agent(str(path)), scenario, "validation"), range(N), "split"),
+        (Job(find_agent(str(path)), scenario, "test"), range(N + 1), "episodes"),
+    ):
+        with pytest.raises(ResultError, match=f"its {name} is"):
+            run(changed, numbers, tmp_path, resume=True)
+    path.write_text(path.read_text() + "\n")
+    with pytest.raises(ResultError, match="its agent_sha256 is"):
+        run(Job(find_agent(str(path)), scenario, "test"), range(N), tmp_path, resume=True)
+    (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").write_bytes(b"PK\x03\x04 not it")
+    with pytest.raises(ResultError, match=r"records\.npz: damaged"):
+        run(Job(find_agent(str(path)), scenario, "test"), range(N), tmp_path, resume=True)
+
+
+def test_a_failed_run_leaves_the_earlier_result_alone(tmp_path):
+    good = run(job(), range(N), tmp_path)
+    before = files(good.folder)
+    bad = tmp_path / "Block8-DH-v0" / "agents.Raises"
+    shutil.copytree(good.folder, bad)
+    with pytest.raises(AgentError):
+        run(job("Raises"), range(N), tmp_path)
+    assert files(bad) == before
+
+
+def test_a_new_run_replaces_the_old_result(result, tmp_path):
+    again = run(job(), range(N // 2), tmp_path)
+    assert again.summary["episodes"] == len(again.episodes()) == N // 2
+
+
+def test_compares_paired_episodes(tmp_path):
+    greedy, chance = (run(job(name, "Block8-CPP-v0"), range(N), tmp_path) for name in ("greedy", "random"))
+    found = compare_results(greedy, chance)
+    expected = greedy.episodes()["cral"].mean() - chance.episodes()["cral"].mean()
+    assert found["cral"].difference.mean == pytest.approx(expected)
+    assert found["cral"].difference.low > 0
+    assert found["cral"].improvement.mean > 0.8
+
+
+def test_refuses_to_compare_what_is_not_paired(result, tmp_path):
+    fewer = run(job("random"), range(N - 1), tmp_path)
+    with pytest.raises(ResultError, match="19"):
+        compare_results(result, fewer)
+    other = run(job("random", "Block8-CPP-v0"), range(N), tmp_path)
+    with pytest.raises(ResultError, match="scenario is Block8-DH-v0 in"):
+        compare_results(result, other)
+
+
+def test_a_users_own_scenario_is_replayed_from_its_file(tmp_path):
+    shipped = load_scenario("Block8-CPP-v0").path
+    text = shipped.read_text().split("[splits")[0].replace("Block8-CPP-v0", "Mine-v0")
+    text = text.replace("maps/Block8.txt", str(shipped.parent / "maps" / "Block8.txt"))
+    (tmp_path / "mine.toml").write_text(text)
+    source = find_agent("random")
+    (mine, numbers), *_ = jobs(source, [str(tmp_path / "mine.toml")], "test", 5, None)
+    assert replay(load_result(run(mine, numbers, tmp_path).folder)) == []
+
+
+def test_plans_all_scenarios_and_refuses_what_is_not_there():
+    source = find_agent("greedy")
+    assert len(jobs(source, ["all", "Block8-CPP-v0"], "test", None, None)) == 10
+    assert jobs(source, ["Block8-CPP-v0"], "validation", None, None)[0][1] == range(200)
+    assert jobs(source, ["Block8-CPP-v0"], "train", None, None)[0][1] == range(1000)
+    with pytest.raises(ResultError, match="--split"):
+        jobs(source, ["Block8-CPP-v0"], "tset", None, None)
+    with pytest.raises(ResultError, match="has 1000 test episodes"):
+        jobs(source, ["Block8-CPP-v0"], "test", 1001, None)

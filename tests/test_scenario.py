@@ -1,0 +1,189 @@
+"""Scenarios: loaded by id or path, refused with one clear error, identified by a digest."""
+
+import shutil
+
+import pytest
+from worlds import scenario
+
+from uavbench import ScenarioError, load_scenario, scenario_ids
+from uavbench.resources import scenario_paths
+
+PAPER = ["Manhattan32-CPP-v0", "Manhattan32-DH-v0", "Urban50-CPP-v0", "Urban50-DH-v0"]
+MAP = "....\n.LL.\n..N.\n.#..\n"
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A user's own scenario: a copy of Block8-CPP without frozen episodes, on a map of 4×4."""
+    text = scenario_paths()["Block8-CPP-v0"].read_text().split("[splits")[0].replace("maps/Block8.txt", "my.txt")
+    text = text.replace("Block8-CPP-v0", "Mine-v0").replace("local_size = 9", "local_size = 5")
+    (tmp_path / "my.txt").write_text(MAP)
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    return path
+
+
+def edit(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+def test_all_ids_load():
+    assert set(PAPER) < set(scenario_ids())
+    assert {f"{name[:-3]}-Long-v0" for name in PAPER} < set(scenario_ids())
+    for name in scenario_ids():
+        assert load_scenario(name).id == name == load_scenario(f"uavbench/{name}").id
+
+
+@pytest.mark.parametrize(
+    ("name", "counts", "budget"),
+    [
+        ("Manhattan32-CPP-v0", (18, 70, 254, 682), (50, 150)),
+        ("Manhattan32-DH-v0", (18, 70, 254, 682), (50, 150)),
+        ("Urban50-CPP-v0", (40, 60, 636, 1764), (150, 250)),
+        ("Urban50-DH-v0", (40, 60, 636, 1764), (100, 200)),
+        ("Urban50-DH-Long-v0", (40, 60, 636, 1764), (150, 300)),
+    ],
+)
+def test_the_papers_scenarios_have_the_papers_values(name, counts, budget):
+    found = load_scenario(name)
+    cells = "".join(found.rows)
+    assert tuple(cells.count(kind) for kind in "LN#.") == counts
+    assert found.budget == budget
+    coverage = found.mission.kind == "coverage"
+    assert found.rewards.movement == (-0.1 if name.startswith("Urban50-DH") else -0.2)
+    assert (found.rewards.safety, found.rewards.crash) == (-1, -150)
+    assert found.rewards.collect == (0.4 if coverage else 1.0)
+    assert found.observation.local_size == 17
+    assert found.observation.global_scale == (3 if "Manhattan" in name else 5)
+    if coverage:
+        assert (found.mission.shapes, found.mission.target_fraction) == ((3, 8), (0.2, 0.5))
+    else:
+        assert (found.mission.devices, found.mission.data) == ((3, 10), (5, 20))
+        assert found.mission.edge_snr == (-25 if "Manhattan" in name else -30)
+
+
+def test_a_users_own_scenario_loads_and_flies(own):
+    found = load_scenario(own)
+    assert (found.id, found.shape, found.splits.test.episodes) == ("Mine-v0", (4, 4), 1000)
+    assert load_scenario(str(own)) == found
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field", "reason"),
+    [
+        ("camera_size = 5", "camera_size = 5\ncamra = 1", "mission.camra", "unknown key"),
+        ("budget =", "bugdet = [1, 2]\nbudget =", "bugdet", "unknown key"),
+        ("budget = [10, 30]", "budget = [30, 10]", "budget", "30 exceeds the upper bound 10"),
+        ("budget = [10, 30]", "budget = [0, 10]", "budget.0", "greater than or equal to 1"),
+        ("budget = [10, 30]", "", "budget", "Field required"),
+        ("shapes = [1, 3]", "shapes = [3, 1]", "mission.shapes", "3 exceeds the upper bound 1"),
+        (
+            "target_fraction = [0.2, 0.5]",
+            "target_fraction = [0.2, 1.5]",
+            "mission.target_fraction.1",
+            "less than or equal to 1",
+        ),
+        ("local_size = 5", "local_size = 4", "observation.local_size", "4 is even"),
+        ("local_size = 5", "local_size = 9", "observation.local_size", "9 exceeds 7"),
+        ("crash = -150.0", "crash = nan", "rewards.crash", "finite"),
+        ('kind = "coverage"', 'kind = "racing"', "mission", "racing"),
+        ('id = "Mine-v0"', 'id = "my city"', "id", "match pattern"),
+        ('map = "my.txt"', 'map = "no.txt"', "map", "cannot read"),
+        ("camera_size = 5", "camera_size = 4", "mission.camera_size", "1, 3, 5 or 7"),
+        ("budget =", "rows = []\nbudget =", "rows", "unknown key"),
+        ("[rewards]", "[rewards", "TOML", "cannot read"),
+    ],
+)
+def test_a_wrong_value_is_one_error_that_names_file_field_and_reason(own, old, new, field, reason):
+    edit(own, old, new)
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(own)
+    message = str(caught.value)
+    assert str(own) in message
+    assert field in message
+    assert reason in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("....\n.LL\n..N.\n.#..\n", "row 1 has 3 cells"),
+        ("....\n.LX.\n..N.\n.#..\n", "row 1, column 2: unknown cell 'X'"),
+        ("....\n....\n..N.\n.#..\n", "no landing cell"),
+        ("L#..\n##..\n..L.\n....\n", "(2, 2) is unreachable from the landing cell (0, 0)"),
+        ("LN..\nNN..\n..L.\n....\n", "unreachable"),
+        (".L.\n...\n...\n...\n", "4 to 1024"),
+        ("", "4 to 1024"),
+    ],
+)
+def test_a_wrong_map_is_one_error_that_names_its_file(own, text, reason):
+    (own.parent / "my.txt").write_text(text)
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(own)
+    assert str(own.parent / "my.txt") in str(caught.value)
+    assert reason in str(caught.value)
+
+
+def test_too_many_devices_for_the_map_are_refused(own):
+    dh = scenario_paths()["Block8-DH-v0"].read_text().split("[splits")[0].replace("maps/Block8.txt", "my.txt")
+    own.write_text(dh.replace("local_size = 9", "local_size = 5").replace("devices = [1, 3]", "devices = [1, 14]"))
+    with pytest.raises(ScenarioError, match=r"mission\.devices: up to 14 .* the map has 13"):
+        load_scenario(own)
+
+
+@pytest.mark.parametrize("name", ["Manhatan32-CPP-v0", "missing.toml", "x"])
+def test_an_unknown_scenario_is_refused_with_a_hint(name):
+    with pytest.raises(ScenarioError, match=r"did you mean Manhattan32-CPP-v0|no such file|known are"):
+        load_scenario(name)
+
+
+def test_a_changed_frozen_file_is_refused(tmp_path):
+    from uavbench.episode import frozen_columns
+
+    shutil.copytree(scenario_paths()["Block8-CPP-v0"].parent, tmp_path / "scenarios")
+    frozen = tmp_path / "scenarios" / "episodes" / "Block8-CPP-v0-test.npz"
+    content = bytearray(frozen.read_bytes())
+    content[-5000] ^= 1
+    frozen.write_bytes(content)
+    found = load_scenario(tmp_path / "scenarios" / "Block8-CPP-v0.toml")
+    with pytest.raises(ScenarioError, match=r"splits\.test\.sha256: .* not the frozen file"):
+        frozen_columns(found, "test")
+    frozen.unlink()
+    with pytest.raises(ScenarioError, match=r"splits\.test\.file: cannot read"):
+        frozen_columns(found, "test")
+
+
+def test_targets_that_cannot_be_drawn_are_an_error_not_a_hang(own):
+    from uavbench.simulator import Simulator
+
+    edit(own, "target_fraction = [0.2, 0.5]", "target_fraction = [1.0, 1.0]")
+    with pytest.raises(ScenarioError, match=r"mission\.target_fraction: .* 10000 attempts"):
+        Simulator(load_scenario(own), 1).reset([0], "train", [0])
+
+
+def test_the_digest_is_of_what_defines_a_scenario(own):
+    before = load_scenario(own).digest
+    edit(own, "title =", "title = 'Another'\n#")
+    assert load_scenario(own).digest == before
+    for old, new in (("movement = -0.2", "movement = -0.3"), ("camera_size = 5", "camera_size = 3"), ("[10, 30]", "[10, 31]")):
+        edit(own, old, new)
+        after = load_scenario(own).digest
+        assert after != before
+        before = after
+    (own.parent / "my.txt").write_text(MAP.replace("N", "."))
+    assert load_scenario(own).digest != before
+
+
+def test_the_digest_does_not_depend_on_where_the_file_is(own, tmp_path):
+    elsewhere = tmp_path / "deeper"
+    elsewhere.mkdir()
+    for name in ("mine.toml", "my.txt"):
+        shutil.copy(own.parent / name, elsewhere / name)
+    assert load_scenario(elsewhere / "mine.toml").digest == load_scenario(own).digest
+
+
+def test_maps_need_not_be_square():
+    assert scenario(("....L.", "......", "..##..", "......")).shape == (4, 6)
