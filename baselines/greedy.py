@@ -9,6 +9,8 @@ import numpy as np
 from uavbench.city import HOVER, LAND, OFFSETS
 from uavbench.missions.coverage import camera_gain
 
+MOVES = [tuple(offset) for offset in OFFSETS[:4].tolist()]  # north, east, south, west
+
 
 class Agent:
     """Chooses a goal anew at every decision."""
@@ -26,9 +28,13 @@ class Agent:
         fits = (away >= 0) & (home >= 0) & (actions + home + 1 <= state.budget)  # + 1 to land
         value = np.where(fits, self._gains(state) / actions, 0.0)
         if not value.any():
-            return self._follow(state, home, LAND)
-        goal = np.unravel_index(np.argmax(value), value.shape)
-        return self._follow(state, state.city.distances(goal), HOVER)
+            return LAND if home[state.position] == 0 else self._step(state.position, self._nearer(home, state.position))
+        goal = divmod(int(np.argmax(value)), value.shape[1])
+        if goal == state.position:
+            return HOVER
+        while away[goal] > 1:
+            goal = self._nearer(away, goal)
+        return self._step(state.position, goal)
 
     def _coverage_gains(self, state):
         """Return how many targets the camera would cover from each cell."""
@@ -52,13 +58,16 @@ class Agent:
         return np.unravel_index(np.argmin(distance), distance.shape)
 
     @staticmethod
-    def _follow(state, way, arrived):
-        """Return the first action of a shortest way down the distances ``way``, or ``arrived`` at its end."""
-        r, c = state.position
-        if way[r, c] == 0:
-            return arrived
-        for action, (down, right) in enumerate(OFFSETS[:4]):
-            y, x = r + down, c + right
-            if 0 <= y < way.shape[0] and 0 <= x < way.shape[1] and way[y, x] == way[r, c] - 1:
-                return action
-        raise AssertionError("a shortest way goes down by one at every move")
+    def _nearer(distance, cell):
+        """Return a neighbour of ``cell`` at one move less of ``distance``."""
+        for down, right in MOVES:
+            r, c = cell[0] + down, cell[1] + right
+            inside = 0 <= r < distance.shape[0] and 0 <= c < distance.shape[1]
+            if inside and distance[r, c] == distance[cell] - 1:
+                return r, c
+        raise AssertionError("distances go down by one at every move")
+
+    @staticmethod
+    def _step(cell, neighbour):
+        """Return the move from ``cell`` to ``neighbour``."""
+        return MOVES.index((neighbour[0] - cell[0], neighbour[1] - cell[1]))

@@ -205,7 +205,10 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             whole[index] = values
             infos[name], infos[f"_{name}"] = whole, self._flags(index)
 
-        add("action_mask", shown, self.simulator.action_mask()[shown])
+        if len(shown) == self.num_envs:
+            infos["action_mask"], infos["_action_mask"] = self.simulator.action_mask(), np.ones(self.num_envs, np.bool_)
+        else:
+            add("action_mask", shown, self.simulator.action_mask()[shown])
         if len(ended):
             for name, values in self.simulator.outcomes(ended).items():
                 add(name, ended, values)
