@@ -135,14 +135,19 @@ def test_check_finds_an_agent_that_remembers(call):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_keeps_what_was_finished(tmp_path, workers):
     agent = tmp_path / "slow.py"
+    under_way = tmp_path / "under_way"
     agent.write_text(
         "import time\nclass Agent:\n    def __init__(self, s): pass\n"
+        f"    def reset(self, i):\n        if i['episode'] == 60: open({str(under_way)!r}, 'w').close()\n"
         "    def act(self, o, i):\n        time.sleep(0.001); return 4\n"
     )
     words = [sys.executable, "-c", "from uavbench.cli import app; app()", "evaluate", "--agent", str(agent)]
     words += ["--scenario", "Block8-CPP-v0", "--workers", str(workers), "--out", str(tmp_path)]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    time.sleep(9)
+    for _ in range(1200):
+        if under_way.exists():
+            break
+        time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors
