@@ -214,6 +214,14 @@ def test_a_new_run_replaces_the_old_result(result, tmp_path):
     assert again.summary["episodes"] == len(again.episodes()) == N // 2
 
 
+def test_a_result_that_was_moved_aside_by_a_killed_run_is_not_lost(result, tmp_path):
+    before = files(result.folder)
+    result.folder.replace(result.folder.with_name(".agents.One.old"))
+    again = run(job(), range(N), tmp_path)
+    assert files(again.folder) == before
+    assert [path.name for path in result.folder.parent.iterdir()] == ["agents.One"]
+
+
 def test_compares_paired_episodes(tmp_path):
     greedy, chance = (run(job(name, "Block8-CPP-v0"), range(N), tmp_path) for name in ("greedy", "random"))
     found = compare_results(greedy, chance)

@@ -344,6 +344,8 @@ def _publish(folder: Path, summary: dict[str, Any], records: Sequence[EpisodeRec
     table = pd.DataFrame({column: [getattr(r, field) for r in records] for column, field in COLUMNS.items()})
     table["landed"] = table["landed"].astype(int)
     new, old = (folder.with_name(f".{folder.name}.{kind}") for kind in ("new", "old"))
+    if not folder.exists() and old.exists():
+        old.replace(folder)  # the last run was killed between the two moves below
     for leftover in (new, old):
         shutil.rmtree(leftover, ignore_errors=True)
     new.mkdir(parents=True)

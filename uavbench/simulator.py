@@ -112,18 +112,18 @@ class Simulator:
         ValueError
             When a value does not fit the scenario. Nothing is changed then.
         """
-        drawn = {name: column.copy() for name, column in self._row(i).items()}
+        chosen: Columns = {}
         if "start" in options:
-            drawn["start"] = self._parse_start(options["start"])
+            chosen["start"] = self._parse_start(options["start"])
         if "budget" in options:
-            drawn["budget"] = self._parse_budget(options["budget"])
+            chosen["budget"] = self._parse_budget(options["budget"])
+        if self.mission.option in options:
+            chosen.update(self.mission.parse(options[self.mission.option]))
         noise = options.get("noise", True)
         if not isinstance(noise, bool | np.bool_):
             raise ValueError(f"noise: {noise!r} is not True or False")
-        if self.mission.option in options:
-            drawn.update(self.mission.parse(options[self.mission.option]))
-        if options.keys() & {"start", "budget", self.mission.option}:
-            self._restore(np.array([i]), drawn)
+        if chosen:
+            self._restore(np.array([i]), {**self._row(i), **chosen})
             self._splits[i], self._numbers[i] = _CUSTOM, -1
         self.state.noise[i] = noise
 

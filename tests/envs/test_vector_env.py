@@ -130,6 +130,19 @@ def test_stepping_past_the_end_is_an_error_without_autoreset():
         envs.step(np.array([4, 4]))
 
 
+def test_stepping_before_a_successful_reset_is_an_error():
+    envs = UAVVectorEnv(CPP, 2)
+    with pytest.raises(RuntimeError, match="call reset"):
+        envs.step(np.array([4, 4]))
+    envs.reset(seed=0)
+    with pytest.raises(ValueError, match="budget"):
+        envs.reset(options={"budget": 0})
+    with pytest.raises(RuntimeError, match="call reset"):
+        envs.step(np.array([4, 4]))
+    envs.reset()
+    envs.step(np.array([4, 4]))
+
+
 @pytest.mark.parametrize(
     ("call", "error", "message"),
     [

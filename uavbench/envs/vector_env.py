@@ -66,6 +66,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._all = np.arange(num_envs)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._paths: list[list[tuple[int, int]]] = [[] for _ in range(num_envs)]
+        self._ready = False
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -85,6 +86,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         ValueError, TypeError
             When an option or the seeds do not fit.
         """
+        self._ready = False
         given = check_options(options, self.simulator.mission, extra=("reset_mask",))
         index = self._masked(given.pop("reset_mask", None))
         seeds = self._seeds(seed)
@@ -99,11 +101,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         per_slot = {i: self._episode_option(given, episodes, i) for i in slots}
         self._start(index, per_slot)
         for i in slots:
-            try:
-                self.simulator.customise(i, given)
-            except ValueError:
-                self.simulator.state.done[index] = True
-                raise
+            self.simulator.customise(i, given)
+        self._ready = True
         return self._observe(self._all), self._info(self._none(), index, index)
 
     def step(
@@ -114,10 +113,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         Raises
         ------
         RuntimeError
-            When ``autoreset_mode`` is ``"Disabled"`` and an episode has ended and was not reset.
+            Before a successful `reset`, and when ``autoreset_mode`` is ``"Disabled"`` and an episode has ended.
         ValueError
             When the actions are not N integers from 0 to 5.
         """
+        if not self._ready:
+            raise RuntimeError("step() before a successful reset(): call reset() first")
         state = self.simulator.state
         before = state.done.copy()
         waiting = np.flatnonzero(before)

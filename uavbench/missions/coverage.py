@@ -62,7 +62,10 @@ class CoverageMission:
 
     def parse(self, value: Any) -> Columns:
         """Turn a mask of targets, shape (M, N), into columns."""
-        mask = np.asarray(value)
+        try:
+            mask = np.asarray(value)
+        except ValueError:
+            raise ValueError("targets: rows of different lengths; expected a mask") from None
         if mask.shape != self._city.shape:
             raise ValueError(f"targets: the mask has shape {mask.shape}, the map {self._city.shape}")
         if not np.isin(mask, (0, 1)).all():

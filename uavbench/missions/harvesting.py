@@ -121,7 +121,10 @@ class HarvestingMission:
 
     def parse(self, value: Any) -> Columns:
         """Turn rows (row, column, data), shape (K, 3), into columns."""
-        table = np.asarray(value, dtype=np.float64)
+        try:
+            table = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise ValueError("devices: not a table of numbers; expected rows [row, column, data]") from None
         most, largest = self._parameters.devices[1], self._parameters.data[1]
         if table.ndim != 2 or table.shape[1] != 3:
             raise ValueError(f"devices: shape {table.shape}, expected (number of devices, 3): rows [row, column, data]")
@@ -129,7 +132,7 @@ class HarvestingMission:
             raise ValueError(f"devices: {len(table)} of them, the scenario has 1 to {most}")
         rows, cols = self._city.shape
         for k, (r, c, data) in enumerate(table.tolist()):
-            if r != int(r) or c != int(c) or not (0 <= r < rows and 0 <= c < cols):
+            if not (0 <= r < rows and 0 <= c < cols and r.is_integer() and c.is_integer()):
                 raise ValueError(f"devices: device {k} at ({r:g}, {c:g}) is not on a cell of the {rows}×{cols} map")
             for layer in ("building", "landing"):
                 if getattr(self._city, layer)[int(r), int(c)]:
