@@ -1,5 +1,6 @@
 """Agents for tests, good and bad; each a class of its own: ``tests/agents.py:Class``."""
 
+import os
 import time
 
 import numpy as np
@@ -122,9 +123,21 @@ class Slow(_Bad):
         return 4
 
 
-class Interrupted(_Bad):
+class Ragged(_Bad):
     def answer(self):
-        raise KeyboardInterrupt
+        return [[1, 2], [3]]
+
+
+class Exits(_Bad):
+    def answer(self):
+        raise SystemExit(0)
+
+
+class Dies(_Bad):
+    """Takes its process with it."""
+
+    def answer(self):
+        os._exit(1)
 
 
 class WrongBatch(Blind):
@@ -135,6 +148,21 @@ class WrongBatch(Blind):
 class BadBatch(Blind):
     def act_batch(self, observations, infos):
         return np.where([info["episode"] == 3 for info in infos], 7, 4)
+
+
+class RaggedBatch(Blind):
+    def act_batch(self, observations, infos):
+        return [[1], [2, 3]]
+
+
+class RaisingBatch(Blind):
+    def act_batch(self, observations, infos):
+        raise RuntimeError("lost")
+
+
+class HangingReset(Blind):
+    def reset(self, info):
+        time.sleep(30)
 
 
 class BadInit:

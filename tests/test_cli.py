@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 import uavbench
 from uavbench.cli import app
+from uavbench.files import unpack_arrays
 
 AGENTS = Path(__file__).parent / "agents.py"
 
@@ -83,6 +84,9 @@ def test_help_has_examples_for_every_command(call):
         (["compare", "nowhere", "elsewhere"], "summary.json: missing"),
         (["freeze", "nowhere.toml"], "there is no such file"),
         (["new", "no/such/folder.py"], "cannot write it"),
+        (["new", "my_agent"], "end in .py"),
+        (["evaluate", "--agent", "random", "--decision-timeout", "0"], "--decision-timeout: 0 s is not above 0"),
+        (["evaluate", "--agent", "random", "--out", __file__], "--out: cannot write to"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_status_2(call, words, message):
@@ -125,6 +129,28 @@ def test_a_timeout_is_exit_status_1(call):
     assert "longer than 0.2 s" in text
 
 
+def test_check_names_the_place_in_the_agents_file(call):
+    assert re.search(r'lost my way \(File ".*agents\.py", line \d+, in answer\)', call("check", f"{AGENTS}:Raises")[1])
+
+
+def test_an_agent_that_exits_is_a_failing_agent(call):
+    for command in (("check", f"{AGENTS}:Exits"), ("evaluate", "--agent", f"{AGENTS}:Exits", "--scenario", "Block8-DH-v0")):
+        code, text = call(*command)
+        assert code == 1
+        assert "raised SystemExit" in text
+
+
+def test_a_better_result_is_not_overwritten_unasked(call):
+    words = ("evaluate", "--agent", "random", "--scenario", "Block8-CPP-v0", "--episodes")
+    assert call(*words, 20)[0] == 0
+    for fewer in ((10,), (30, "--split", "validation")):
+        code, text = call(*words, *fewer)
+        assert code == 2
+        assert "holds a result of 20 test episodes: give another --out, or --overwrite" in text
+    assert call(*words, 10, "--overwrite")[0] == 0
+    assert call(*words, 30)[0] == 0
+
+
 def test_check_finds_an_agent_that_remembers(call):
     code, text = call("check", f"{AGENTS}:Remembers")
     assert code == 1
@@ -132,14 +158,17 @@ def test_check_finds_an_agent_that_remembers(call):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="sends SIGINT, which Windows does not have")
+@pytest.mark.parametrize("act", ["act", "act_batch"])
 @pytest.mark.parametrize("workers", [1, 2])
-def test_ctrl_c_keeps_what_was_finished(tmp_path, workers):
+def test_ctrl_c_keeps_what_was_finished(tmp_path, workers, act):
     agent = tmp_path / "slow.py"
     under_way = tmp_path / "under_way"
     agent.write_text(
         "import time\nclass Agent:\n    def __init__(self, s): pass\n"
-        f"    def reset(self, i):\n        if i['episode'] == 60: open({str(under_way)!r}, 'w').close()\n"
-        "    def act(self, o, i):\n        time.sleep(0.001); return 4\n"
+        f"    def {act}(self, o, i):\n"
+        "        batch = isinstance(i, list)\n"
+        f"        if len(i) < 150 if batch else i['episode'] == 60: open({str(under_way)!r}, 'w').close()\n"
+        "        time.sleep(0.2 if batch else 0.001); return [4] * len(i) if batch else 4\n"
     )
     words = [sys.executable, "-c", "from uavbench.cli import app; app()", "evaluate", "--agent", str(agent)]
     words += ["--scenario", "Block8-CPP-v0", "--workers", str(workers), "--out", str(tmp_path)]
@@ -151,8 +180,9 @@ def test_ctrl_c_keeps_what_was_finished(tmp_path, workers):
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors
-    assert "interrupted; what was finished is kept" in errors
-    assert (tmp_path / "Block8-CPP-v0" / "slow.partial" / "records.npz").is_file()
+    assert "interrupted; finished episodes are kept" in errors
+    kept = unpack_arrays((tmp_path / "Block8-CPP-v0" / "slow.partial" / "records.npz").read_bytes())
+    assert len(kept["episode"]) >= 50
 
 
 def test_freezes_a_users_own_scenario(call, tmp_path):

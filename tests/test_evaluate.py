@@ -78,6 +78,8 @@ def test_the_observation_track_does_not_show_the_state():
         ("NotANumber", "act() returned nan (float64), expected an integer"),
         ("OutOfRange", "act() returned 6, expected an integer from 0 to 5"),
         ("Nothing", "act() returned None (object), expected an integer"),
+        ("Ragged", "act() returned [[1, 2], [3]], which is no array of integers"),
+        ("Exits", "act() raised SystemExit: 0"),
     ],
 )
 def test_a_failing_agent_is_told_where_and_why(name, reason):
@@ -108,6 +110,8 @@ def test_what_was_finished_before_a_failure_is_yielded():
     [
         ("WrongBatch", "act_batch() returned shape (10, 1), expected (10,)"),
         ("BadBatch", "test episode 3, step 0: act_batch() returned np.int64(7)"),
+        ("RaggedBatch", "test episodes 0 to 9, step 0: act_batch() returned [[1], [2, 3]], which is no array"),
+        ("RaisingBatch", "test episodes 0 to 9, step 0: act_batch() raised RuntimeError: lost"),
         ("BadInit", "__init__() raised OSError: no weights"),
     ],
 )
@@ -122,6 +126,22 @@ def test_a_slow_decision_is_stopped():
     with pytest.raises(AgentError, match=r"test episode 3, step 3: act\(\) took longer than 0.2 s"):
         list(evaluate(job("Slow", decision_timeout=0.2), range(10)))
     assert time.perf_counter() - started < 20
+
+
+def test_a_hanging_reset_is_stopped():
+    with pytest.raises(AgentError, match=r"episode 0, step 0: reset\(\) took longer than 0.2 s"):
+        list(evaluate(job("HangingReset", decision_timeout=0.2), range(3)))
+
+
+def test_a_worker_that_dies_is_a_failing_agent():
+    with pytest.raises(AgentError, match=r"agents\.Dies on Block8-DH-v0: a worker process died"):
+        list(evaluate(job("Dies"), range(10), workers=2))
+
+
+@pytest.mark.parametrize("number", [-1, 1000])
+def test_an_episode_that_is_not_there_is_refused(number):
+    with pytest.raises(ValueError, match="out of range"):
+        list(evaluate(job("One"), [number]))
 
 
 def test_greedy_beats_random_by_a_wide_margin_and_always_lands():

@@ -8,7 +8,8 @@ import pytest
 from uavbench import load_scenario
 from uavbench.agent import find_agent
 from uavbench.evaluate import Job
-from uavbench.results import replay, run
+from uavbench.replay import replay
+from uavbench.run import run
 
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
@@ -17,7 +18,7 @@ README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8"
 @pytest.mark.parametrize("agent", ["random", "greedy"])
 @pytest.mark.parametrize("name", ["Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0"])
 def test_the_scores_are_what_evaluate_prints(agent, name, tmp_path):
-    result = run(Job(find_agent(agent), load_scenario(name), "test"), range(1000), tmp_path)
+    result = run(Job(find_agent(agent), load_scenario(name), "test"), 1000, tmp_path)
     row = next(line for line in README.splitlines() if line.startswith(f"| {name} | `{agent}` |"))
     found = [
         f"{100 * interval.mean:.1f} [{100 * interval.low:.1f}, {100 * interval.high:.1f}]"

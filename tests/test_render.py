@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from uavbench import load_scenario
-from uavbench.render import characters, frame, text
+from uavbench.render import frame, text
 from uavbench.simulator import Simulator
 
 
@@ -13,10 +13,6 @@ def simulator():
     simulator = Simulator(load_scenario("Block8-CPP-v0"), 2)
     simulator.reset([0, 1], "test", [0, 1])
     return simulator
-
-
-def test_the_characters_are_the_scenarios_map(simulator):
-    assert tuple("".join(row) for row in characters(simulator.city).tolist()) == simulator.scenario.rows
 
 
 def test_text_shows_uav_path_and_targets(simulator):

@@ -77,7 +77,12 @@ def test_a_users_own_scenario_loads_and_flies(own):
         ("budget =", "bugdet = [1, 2]\nbudget =", "bugdet", "unknown key"),
         ("budget = [10, 30]", "budget = [30, 10]", "budget", "30 exceeds the upper bound 10"),
         ("budget = [10, 30]", "budget = [0, 10]", "budget.0", "greater than or equal to 1"),
-        ("budget = [10, 30]", "", "budget", "Field required"),
+        ("budget = [10, 30]", "", "budget", "is missing"),
+        ("budget = [10, 30]", "budget = [true, 30]", "budget.0", "valid integer"),
+        ("budget = [10, 30]", "budget = [10, 30.0]", "budget.1", "valid integer"),
+        ("budget = [10, 30]", "budget = 30", "budget", "a pair [low, high]"),
+        ("title =", "titel =", "titel", "unknown key"),
+        ('id = "Mine-v0"', 'id = "Block8-CPP-v0"', "id", "is a shipped scenario and means something else"),
         ("shapes = [1, 3]", "shapes = [3, 1]", "mission.shapes", "3 exceeds the upper bound 1"),
         (
             "target_fraction = [0.2, 0.5]",
@@ -88,8 +93,8 @@ def test_a_users_own_scenario_loads_and_flies(own):
         ("local_size = 5", "local_size = 4", "observation.local_size", "4 is even"),
         ("local_size = 5", "local_size = 9", "observation.local_size", "9 exceeds 7"),
         ("crash = -150.0", "crash = nan", "rewards.crash", "finite"),
-        ('kind = "coverage"', 'kind = "racing"', "mission", "racing"),
-        ('id = "Mine-v0"', 'id = "my city"', "id", "match pattern"),
+        ('kind = "coverage"', 'kind = "racing"', "mission.kind", "'racing' is not 'coverage' or 'harvesting'"),
+        ('id = "Mine-v0"', 'id = "my city"', "id", "as in MyCity-CPP-v0"),
         ('map = "my.txt"', 'map = "no.txt"', "map", "cannot read"),
         ("camera_size = 5", "camera_size = 4", "mission.camera_size", "1, 3, 5 or 7"),
         ("budget =", "rows = []\nbudget =", "rows", "unknown key"),
@@ -113,8 +118,10 @@ def test_a_wrong_value_is_one_error_that_names_file_field_and_reason(own, old, n
         ("....\n.LL\n..N.\n.#..\n", "row 1 has 3 cells"),
         ("....\n.LX.\n..N.\n.#..\n", "row 1, column 2: unknown cell 'X'"),
         ("....\n....\n..N.\n.#..\n", "no landing cell"),
-        ("L#..\n##..\n..L.\n....\n", "(2, 2) is unreachable from the landing cell (0, 0)"),
+        ("L#..\n##..\n..L.\n....\n", "the landing zone at (0, 0) is unreachable"),
         ("LN..\nNN..\n..L.\n....\n", "unreachable"),
+        ("....\n.##.\n#LL#\n.##.\n", "unreachable: no free cell leads to it"),
+        ("..#L\n...#\nL...\n....\n", "unreachable"),
         (".L.\n...\n...\n...\n", "4 to 1024"),
         ("", "4 to 1024"),
     ],
@@ -154,6 +161,27 @@ def test_a_changed_frozen_file_is_refused(tmp_path):
     frozen.unlink()
     with pytest.raises(ScenarioError, match=r"splits\.test\.file: cannot read"):
         frozen_columns(found, "test")
+
+
+def test_frozen_episodes_of_another_map_or_budget_are_refused(tmp_path):
+    from uavbench.simulator import Simulator
+
+    for name in ("Block8-CPP-v0", "Block8-DH-v0"):
+        for old, new in (("budget = [10, 30]", "budget = [10, 20]"), ("Block8.txt", "Other.txt")):
+            shutil.rmtree(tmp_path / "scenarios", ignore_errors=True)
+            shutil.copytree(scenario_paths()[name].parent, tmp_path / "scenarios")
+            blocked = (tmp_path / "scenarios/maps/Block8.txt").read_text().replace("..N.....", "..N.###.")
+            (tmp_path / "scenarios/maps/Other.txt").write_text(blocked)
+            path = tmp_path / "scenarios" / f"{name}.toml"
+            path.write_text(path.read_text().replace(old, new, 1).replace(f'id = "{name}"', 'id = "Mine-v0"'))
+            with pytest.raises(ScenarioError, match=r"splits\.test\.file: its episodes do not fit"):
+                Simulator(load_scenario(path), 1).reset([0], "test", [0])
+
+
+def test_the_digest_follows_the_observation():
+    found = load_scenario("Block8-CPP-v0")
+    assert found.digest != found.with_observation(5, 2).digest
+    assert found.with_observation(9, 3).digest == found.digest
 
 
 def test_targets_that_cannot_be_drawn_are_an_error_not_a_hang(own):

@@ -44,7 +44,7 @@ def maps(draw, smallest=4, largest=9):
     grid = np.array(cells).reshape(rows, cols)
     r, c = draw(st.integers(0, rows - 1)), draw(st.integers(0, cols - 1))
     grid[r, c : c + draw(st.integers(1, 3))] = "L"
-    grid[(r + 1) % rows, :] = np.where(grid[(r + 1) % rows] == "L", "L", ".")  # somewhere to fly and to put devices
+    grid[r + 1 if r + 1 < rows else r - 1] = "."  # somewhere to fly and to put devices
     return tuple("".join(row) for row in grid.tolist())
 
 

@@ -69,7 +69,7 @@ class AgentSource:
         """
         try:
             found = getattr(_module(self.path.resolve(), self.sha256), self.class_name, None)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
         if not inspect.isclass(found):
             raise AgentLoadError(f"{self.path}: has no class {self.class_name}; name yours as {self.path}:YourClass")
@@ -126,3 +126,23 @@ def find_agent(spec: str) -> AgentSource:
     if not path.is_file():
         raise AgentLoadError(f"--agent {spec}: there is no file {path}")
     return AgentSource(path, class_name or "Agent")
+
+
+def write_template(path: Path) -> None:
+    """Write a template of an agent to ``path``.
+
+    Raises
+    ------
+    AgentLoadError
+        When it is there already, does not end in ``.py``, or cannot be written.
+    """
+    if path.suffix != ".py":
+        raise AgentLoadError(f"{path}: agents are files that end in .py")
+    template = Path(__file__).with_name("templates") / "agent.py"
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(template.read_text(encoding="utf-8").replace("FILE", path.name))
+    except FileExistsError:
+        raise AgentLoadError(f"{path}: exists already; choose another name") from None
+    except OSError as error:
+        raise AgentLoadError(f"{path}: cannot write it: {error.strerror}") from None

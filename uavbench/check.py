@@ -38,7 +38,7 @@ def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS) -> Ch
             first = _fly(Job(source, scenario, "validation", batch_size=_EPISODES), range(_EPISODES))
             again = _fly(Job(source, scenario, "validation", batch_size=7), range(_EPISODES - 1, -1, -1))
         except AgentError as error:
-            raise AgentLoadError(str(error).splitlines()[0]) from error
+            raise AgentLoadError(_line(error)) from error
         for number, record in first.items():
             if not np.array_equal(record.actions, again[number].actions):
                 raise AgentLoadError(
@@ -49,6 +49,13 @@ def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS) -> Ch
         steps += sum(record.steps for record in first.values())
         seconds += sum(record.seconds for record in first.values())
     return Checked(steps / max(seconds, 1e-9), cral)
+
+
+def _line(error: AgentError) -> str:
+    """Return an agent's failure in one line, with the place in its file."""
+    first, *trace = str(error).splitlines()
+    places = [line.strip() for line in trace if line.startswith("  File ")]
+    return f"{first} ({places[-1]})" if places else first
 
 
 def _fly(job: Job, numbers: Sequence[int]) -> dict[int, EpisodeRecord]:

@@ -52,14 +52,12 @@ def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .
 @app.command(epilog="Example:  uavbench new my_agent.py")
 def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> None:
     """Write a template of an agent."""
-    template = Path(__file__).with_name("templates") / "agent.py"
+    from uavbench.agent import AgentLoadError, write_template
+
     try:
-        with path.open("x", encoding="utf-8") as file:
-            file.write(template.read_text(encoding="utf-8").replace("FILE", str(path)))
-    except FileExistsError:
-        raise _fail(f"{path}: exists already; choose another name") from None
-    except OSError as error:
-        raise _fail(f"{path}: cannot write it: {error.strerror}") from None
+        write_template(path)
+    except AgentLoadError as error:
+        raise _fail(error) from None
     typer.echo(f"wrote {path}; next:  uavbench check {path}")
 
 
@@ -90,13 +88,21 @@ def check(
 )
 def evaluate(
     agent: Annotated[str, typer.Option(help="path.py, path.py:Class, or a built-in's name (greedy, random).")],
-    scenario: Annotated[list[str] | None, typer.Option(help="An id, the path of a .toml file, or 'all'; repeatable.")] = None,
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(help="An id (Manhattan32-CPP-v0 by default), the path of a .toml file, or 'all'; repeatable."),
+    ] = None,
     split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
-    episodes: Annotated[int | None, typer.Option(min=1, help="How many, from 0 on; all of the split by default.")] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="How many, from 0 on; by default all of the split, and 1000 of train.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="Where results go.")] = Path("results"),
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     decision_timeout: Annotated[float, typer.Option(help="Seconds that one decision may take.")] = 60.0,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run; keep finished ones.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace even a result of another split or of more episodes.")
+    ] = False,
 ) -> None:
     """Score an agent: Landed, CR and CRAL, each with its 95 % confidence interval."""
     from rich.console import Console
@@ -105,14 +111,24 @@ def evaluate(
     from uavbench.agent import AgentLoadError, find_agent
     from uavbench.display import evaluation_progress, result_table
     from uavbench.evaluate import AgentError
-    from uavbench.results import ResultError, jobs, run
+    from uavbench.results import ResultError
+    from uavbench.run import jobs, run
 
     console = Console()
     try:
         planned = jobs(find_agent(agent), scenario or ["Manhattan32-CPP-v0"], split, episodes, decision_timeout)
-        for job, numbers in planned:
-            with evaluation_progress(console, f"{job.source.name} on {job.scenario.id}", len(numbers)) as progress:
-                result = run(job, numbers, out, workers=workers, resume=resume, on_record=progress.advance)
+        for job, count in planned:
+            with evaluation_progress(console, f"{job.source.name} on {job.scenario.id}", count) as progress:
+                result = run(
+                    job,
+                    count,
+                    out,
+                    workers=workers,
+                    resume=resume,
+                    overwrite=overwrite,
+                    on_start=progress.show,
+                    on_record=progress.advance,
+                )
             console.print(result_table(result))
             console.print(
                 f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; "
@@ -123,21 +139,26 @@ def evaluate(
     except (AgentLoadError, ScenarioError, ResultError) as error:
         raise _fail(error) from None
     except AgentError as error:
-        raise _fail(f"{error}\nwhat was finished is kept in {out}; go on with --resume", 1) from None
+        raise _fail(
+            f"{error}\nfinished episodes are kept in {out}; --resume goes on, if the agent's file is unchanged", 1
+        ) from None
     except KeyboardInterrupt:
-        raise _fail(f"interrupted; what was finished is kept in {out}; go on with --resume", 1) from None
+        raise _fail(f"interrupted; finished episodes are kept in {out}; --resume goes on", 1) from None
 
 
 @app.command(epilog="Example:  uavbench replay results/Manhattan32-CPP-v0/my_agent")
-def replay(folder: _ResultFolder) -> None:
+def replay(
+    folder: _ResultFolder,
+    scenario: Annotated[str | None, typer.Option(help="The .toml file of a scenario of your own, if it has moved.")] = None,
+) -> None:
     """Simulate the actions of a result again; every number must come out the same."""
     from uavbench import ScenarioError
+    from uavbench.replay import replay as replay_result
     from uavbench.results import ResultError, load_result
-    from uavbench.results import replay as replay_result
 
     try:
         result = load_result(folder)
-        wrong = replay_result(result)
+        wrong = replay_result(result, scenario)
     except (ResultError, ScenarioError) as error:
         raise _fail(error) from None
     if wrong:
@@ -152,7 +173,8 @@ def compare(first: _ResultFolder, second: _ResultFolder) -> None:
     from rich.console import Console
 
     from uavbench.display import comparison_table
-    from uavbench.results import ResultError, compare_results, load_result
+    from uavbench.replay import compare_results
+    from uavbench.results import ResultError, load_result
 
     try:
         a, b = load_result(first), load_result(second)
@@ -162,7 +184,7 @@ def compare(first: _ResultFolder, second: _ResultFolder) -> None:
 
 
 @app.command(epilog="Example:  uavbench freeze my_city.toml")
-def freeze(scenario: Annotated[str, typer.Argument(help="The path of a .toml file, or an id.")]) -> None:
+def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml file.")]) -> None:
     """Freeze a scenario's validation and test episodes in files, and print the lines that name them."""
     from uavbench import ScenarioError, load_scenario
     from uavbench.freeze import freeze as freeze_scenario
@@ -172,4 +194,4 @@ def freeze(scenario: Annotated[str, typer.Argument(help="The path of a .toml fil
         lines = freeze_scenario(loaded)
     except ScenarioError as error:
         raise _fail(error) from None
-    typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; put this at the end of {loaded.path}:\n{lines}")
+    typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")

@@ -4,7 +4,7 @@ from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, cast
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -12,7 +12,7 @@ from rich.text import Text
 from uavbench.evaluate import EpisodeRecord
 from uavbench.metrics import Comparison, Interval
 from uavbench.results import Result
-from uavbench.scenario import BUILDING, LANDING, NO_FLY, Harvesting, Scenario
+from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
 
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 _STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
@@ -24,13 +24,8 @@ def scenario_table(scenarios: Iterable[Scenario]) -> Table:
     for column in ("id", "map", "mission", "budget", "targets"):
         table.add_column(column, no_wrap=True)
     for scenario in scenarios:
-        mission = scenario.mission
-        targets = (
-            f"{mission.devices[0]}–{mission.devices[1]} devices"
-            if isinstance(mission, Harvesting)
-            else f"{mission.target_fraction[0]:.0%}–{mission.target_fraction[1]:.0%} of the cells"
-        )
-        table.add_row(scenario.id, "{}×{}".format(*scenario.shape), mission.kind, "{}–{}".format(*scenario.budget), targets)
+        shape, budget = "{}×{}".format(*scenario.shape), "{}–{}".format(*scenario.budget)
+        table.add_row(scenario.id, shape, scenario.mission.kind, budget, scenario.mission.targets)
     return table
 
 
@@ -62,29 +57,25 @@ def _flat(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield f"{prefix}{name}", value
 
 
-def result_table(result: Result) -> Table:
+def result_table(result: Result) -> Group:
     """Return the scores that `uavbench evaluate` prints, in per cent."""
     summary = result.summary
-    table = Table(
-        title=f"{summary['agent']} on {summary['scenario']}, {summary['episodes']} {summary['split']} episodes",
-        title_justify="left",
-        header_style="bold",
-    )
+    title = f"{summary['agent']} on {summary['scenario']}, {summary['episodes']} {summary['split']} episodes"
+    table = Table(header_style="bold")
     for column in ("metric", "mean %", "95 % confidence interval"):
         table.add_column(column, justify="left" if column == "metric" else "right")
     for name, interval in result.metrics.items():
         table.add_row(NAMES[name], f"{100 * interval.mean:.1f}", _bounds(interval))
-    return table
+    return Group(Text(title, style="bold"), table)
 
 
-def comparison_table(first: Result, second: Result, comparison: Mapping[str, Comparison]) -> Table:
+def comparison_table(first: Result, second: Result, comparison: Mapping[str, Comparison]) -> Group:
     """Return what `uavbench compare` prints, in percentage points."""
     a, b = first.summary["agent"], second.summary["agent"]
-    table = Table(
-        title=f"{a} − {b} on {first.summary['scenario']}, {first.summary['episodes']} paired episodes",
-        title_justify="left",
-        header_style="bold",
-    )
+    if a == b:
+        a, b = str(first.folder), str(second.folder)
+    title = f"{a} - {b} on {first.summary['scenario']}, {first.summary['episodes']} paired episodes"
+    table = Table(header_style="bold")
     for column in ("metric", "difference, points", "95 % CI", f"P({a} better) %", "95 % CI"):
         table.add_column(column, justify="left" if column == "metric" else "right")
     for name, found in comparison.items():
@@ -95,7 +86,7 @@ def comparison_table(first: Result, second: Result, comparison: Mapping[str, Com
             f"{100 * found.improvement.mean:.1f}",
             _bounds(found.improvement),
         )
-    return table
+    return Group(Text(title, style="bold"), table)
 
 
 def _bounds(interval: Interval, sign: str = "") -> str:
@@ -107,9 +98,13 @@ class EvaluationProgress:
 
     def __init__(self, progress: Progress, label: str, total: int) -> None:
         self._progress = progress
-        self._task = progress.add_task(label, total=total, cral="starting (the first run compiles)")
+        self._task = progress.add_task(label, total=total, visible=False, cral="starting (the first run compiles)")
         self._sum = 0.0
         self._count = 0
+
+    def show(self) -> None:
+        """Show the bar: flying begins."""
+        self._progress.update(self._task, visible=True)
 
     def advance(self, record: EpisodeRecord) -> None:
         """Count a finished episode."""

@@ -9,7 +9,7 @@ import hashlib
 import operator
 from functools import lru_cache
 from pathlib import Path
-from typing import SupportsIndex
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from uavbench.scenario import SPLITS, Scenario, ScenarioError, Split, SplitName
 TRAIN_EPISODES = 2**62
 
 #: Columns of a table of episodes, one row an episode: ``key``, ``start``, ``budget`` and those of the mission.
-Columns = dict[str, NDArray[np.generic]]
+Columns = dict[str, NDArray[Any]]
 
 
 def split_size(scenario: Scenario, split: SplitName) -> int:
@@ -70,11 +70,12 @@ def frozen_columns(scenario: Scenario, split: str) -> Columns | None:
     fixed = _fixed(scenario, split)
     if fixed.file is None or fixed.sha256 is None:
         return None
-    return _read_frozen(scenario.path, split, scenario.path.parent / fixed.file, fixed.sha256)
+    return _read_frozen(scenario.path, split, scenario.path.parent / fixed.file, fixed.sha256, fixed.episodes)
 
 
 @lru_cache(maxsize=32)
-def _read_frozen(scenario: Path, split: str, path: Path, sha256: str) -> Columns:
+def _read_frozen(scenario: Path, split: str, path: Path, sha256: str, episodes: int) -> Columns:
+    """Read a frozen file, and refuse one that is not of this scenario."""
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -83,6 +84,8 @@ def _read_frozen(scenario: Path, split: str, path: Path, sha256: str) -> Columns
     if found != sha256:
         raise ScenarioError(f"{scenario}: splits.{split}.sha256: {path} has {found}: it is not the frozen file")
     columns: Columns = unpack_arrays(content)
+    if any(len(column) != episodes for column in columns.values()):
+        raise ScenarioError(f"{scenario}: splits.{split}.episodes: {path} does not hold {episodes} episodes")
     for column in columns.values():
         column.flags.writeable = False
     return columns

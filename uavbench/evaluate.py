@@ -6,12 +6,14 @@ for many episodes at once (``act_batch``): noise and episodes are keyed, and so 
 
 import contextlib
 import signal
+import tempfile
 import threading
 import time
 import traceback
-import warnings
 from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, cast
 
 import joblib  # pyright: ignore[reportMissingTypeStubs]
@@ -118,24 +120,53 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[Ep
     size = max(1, min(size, -(-len(numbers) // workers)))
     chunks = [numbers[k : k + size] for k in range(0, len(numbers), size)]
     parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    fly: Any = cast("Any", joblib).delayed(_fly_all)
-    flown = parallel(fly(job, chunk) for chunk in chunks)
+    fly: Any = cast("Any", joblib).delayed(_fly_chunk)
+    failed: str | None = None
+    with tempfile.TemporaryDirectory(prefix="uavbench-") as folder, _interrupt_sets(Path(folder) / "stop") as stop:
+        try:
+            # After a failure or Ctrl-C the workers stop at their next episode's end, and what they have is still taken.
+            for records, error in parallel(fly(job, chunk, stop) for chunk in chunks):
+                yield from records
+                if error:
+                    failed = failed or error
+                    stop.touch()
+        except BrokenProcessPool as error:  # what loky's TerminatedWorkerError is
+            raise _complaint(job, None, f"a worker process died (out of memory, or a crash of the agent?)\n{error}") from None
+        if failed:
+            raise AgentError(failed)
+        if stop.exists():
+            raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def _interrupt_sets(stop: Path) -> Generator[Path]:
+    """Let the first Ctrl-C in the block make the file ``stop`` instead of raising; the second raises."""
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+
+    def interrupt(_signal: int, _frame: Any) -> None:
+        if stop.exists():
+            raise KeyboardInterrupt
+        stop.touch()
+
+    before = signal.signal(signal.SIGINT, interrupt)
     try:
-        for records, error in flown:
-            yield from records
-            if error:
-                raise AgentError(error)
+        yield stop
     finally:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # joblib's, that what still runs is cancelled: it is meant to be
-            flown.close()
+        signal.signal(signal.SIGINT, before)
 
 
-def _fly_all(job: Job, numbers: Sequence[int]) -> tuple[list[EpisodeRecord], str | None]:
-    """Fly episodes in a worker; return what was finished, and why not all of it was."""
+def _fly_chunk(job: Job, numbers: Sequence[int], stop: Path) -> tuple[list[EpisodeRecord], str | None]:
+    """Fly episodes in a worker until ``stop`` is there; return what was finished, and what failed."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
     records: list[EpisodeRecord] = []
     try:
-        records.extend(_fly(job, numbers))
+        for record in _fly(job, () if stop.exists() else numbers):
+            records.append(record)
+            if stop.exists():
+                break
     except AgentError as error:
         return records, str(error)
     return records, None
@@ -173,7 +204,7 @@ class _Flight:
         infos = self._infos(simulator, running, fixed)
         if callable(getattr(self._agent, "reset", None)):
             for info in infos:
-                _guard(job, "reset()", (info["episode"], 0), lambda info=info: self._agent.reset(info))
+                _guard(job, "reset()", ([info["episode"]], 0), lambda info=info: self._agent.reset(info))
         while len(running):
             observations = self._observe(simulator, running)
             started = time.perf_counter()
@@ -235,19 +266,21 @@ class _Flight:
         """Ask the agent, and refuse what is not an action."""
         job, agent = self._job, self._agent
         if self.batched:
-            where = (infos[0]["episode"] if len(infos) == 1 else None, step)
+            where = ([info["episode"] for info in infos], step)
             answer = _guard(job, "act_batch()", where, lambda: agent.act_batch(observations, infos))
-            chosen = np.asarray(answer)
+            chosen = _array(job, answer, "act_batch()", where)
             if chosen.shape != (len(infos),):
                 raise _complaint(job, where, f"act_batch() returned shape {chosen.shape}, expected ({len(infos)},)")
-            return np.array([_action(job, a, "act_batch()", (i["episode"], step)) for a, i in zip(chosen, infos, strict=True)])
+            return np.array(
+                [_action(job, a, "act_batch()", ([i["episode"]], step)) for a, i in zip(chosen, infos, strict=True)]
+            )
         observation, info = {name: values[0] for name, values in observations.items()}, infos[0]
-        where = (info["episode"], step)
+        where = ([info["episode"]], step)
         answer = _guard(job, "act()", where, lambda: agent.act(observation, info))
         return np.array([_action(job, answer, "act()", where)])
 
 
-_Where = tuple[int | None, int] | None
+_Where = tuple[list[int], int] | None  # episodes and step
 
 
 def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
@@ -258,7 +291,7 @@ def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
 
 def _action(job: Job, answer: Any, call: str, where: _Where) -> int:
     """Return an agent's answer as an action, or complain."""
-    value = np.asarray(answer)
+    value = _array(job, answer, call, where)
     if value.shape != () or value.dtype.kind not in "iu":
         shape = f" of shape {value.shape}" if value.shape else ""
         raise _complaint(job, where, f"{call} returned {answer!r} ({value.dtype}{shape}), expected an integer from 0 to 5")
@@ -267,18 +300,27 @@ def _action(job: Job, answer: Any, call: str, where: _Where) -> int:
     return int(value)
 
 
+def _array(job: Job, answer: Any, call: str, where: _Where) -> NDArray[Any]:
+    """Return an agent's answer as an array, or complain."""
+    try:
+        return np.asarray(answer)
+    except Exception as error:
+        raise _complaint(job, where, f"{call} returned {answer!r}, which is no array of integers: {error}") from None
+
+
 def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
     """Say where an agent failed, and why."""
     place = f"{job.source.name} on {job.scenario.id}"
     if where is not None:
-        episode, step = where
-        place += f", {job.split} episode {'(a batch)' if episode is None else episode}, step {step}"
+        episodes, step = where
+        which = f"episode {episodes[0]}" if len(episodes) == 1 else f"episodes {min(episodes)} to {max(episodes)}"
+        place += f", {job.split} {which}, step {step}"
     return AgentError(f"{place}: {reason}")
 
 
 def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> Any:
     """Call an agent; turn what it raises, or its taking too long, into an `AgentError` with its traceback."""
-    limit = job.decision_timeout if call.startswith("act") else None
+    limit = None if call == "__init__()" else job.decision_timeout  # weights may take their time to load
     started = time.perf_counter()
     try:
         _set_alarm(limit)
@@ -288,7 +330,7 @@ def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> A
             _set_alarm(None)
     except DecisionTimeoutError:
         raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
     if limit is not None and time.perf_counter() - started > limit:
         raise _complaint(job, where, f"{call} took {time.perf_counter() - started:.1f} s, longer than {limit:g} s")

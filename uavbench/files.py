@@ -3,6 +3,7 @@
 import io
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ def unpack_arrays(content: bytes) -> dict[str, NDArray[Any]]:
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as table:
             return {name: table[name] for name in table.files}
-    except (zipfile.BadZipFile, OSError, EOFError, KeyError, AttributeError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, KeyError, AttributeError, NotImplementedError) as error:
         raise ValueError(f"not an .npz file: {error}") from None
 
 

@@ -6,7 +6,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import City
 from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY
 from uavbench.simulator import Simulator
 
@@ -24,13 +23,9 @@ _FRAME = 512  # pixels of the longer side, about
 Cells = Sequence[tuple[int, int]]
 
 
-def characters(city: City) -> NDArray[np.str_]:
-    """Return the map, one character a cell, as in the scenario's map file; shape (M, N)."""
-    cells = np.full(city.shape, FREE)
-    cells[city.no_fly] = NO_FLY
-    cells[city.building] = BUILDING
-    cells[city.landing] = LANDING
-    return cells
+def _characters(simulator: Simulator) -> NDArray[np.str_]:
+    """Return the map, one character a cell; shape (M, N)."""
+    return np.array([list(row) for row in simulator.scenario.rows])
 
 
 def frame(simulator: Simulator, i: int, path: Cells) -> NDArray[np.uint8]:
@@ -43,7 +38,7 @@ def frame(simulator: Simulator, i: int, path: Cells) -> NDArray[np.uint8]:
     """
     city, target = simulator.city, simulator.state.target[i]
     size = max(3, _FRAME // max(city.shape))
-    cells = characters(city)
+    cells = _characters(simulator)
     picture = np.empty((*city.shape, 3))
     for kind, colour in _COLOURS.items():
         picture[cells == kind] = colour
@@ -70,7 +65,7 @@ def frame(simulator: Simulator, i: int, path: Cells) -> NDArray[np.uint8]:
 def text(simulator: Simulator, i: int, path: Cells) -> str:
     """Write the episode in slot ``i``: ``@`` the UAV, ``+`` what is left of the targets, ``·`` the flown path."""
     state = simulator.state
-    cells = characters(simulator.city)
+    cells = _characters(simulator)
     for r, c in path:
         cells[r, c] = "·"
     cells[state.target[i] > 0] = "+"

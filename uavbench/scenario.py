@@ -39,11 +39,11 @@ def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
-_Count = Annotated[int, Field(ge=1, le=30_000)]
-_Devices = Annotated[int, Field(ge=1, le=100)]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_Finite = Annotated[float, Field(allow_inf_nan=False)]
-_Fraction = Annotated[float, Field(ge=0, le=1)]
+_Count = Annotated[int, Field(ge=1, le=30_000, strict=True)]
+_Devices = Annotated[int, Field(ge=1, le=100, strict=True)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+_Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+_Fraction = Annotated[float, Field(ge=0, le=1, strict=True)]
 
 
 class Rewards(_Record):
@@ -70,8 +70,8 @@ class Rewards(_Record):
 class ObservationSizes(_Record):
     """The sizes of the global-local observation (paper eqs. 5 to 15): ``local_size`` l and ``global_scale`` g."""
 
-    local_size: Annotated[int, Field(ge=0)]
-    global_scale: Annotated[int, Field(ge=1)]
+    local_size: Annotated[int, Field(ge=0, strict=True)]
+    global_scale: Annotated[int, Field(ge=1, strict=True)]
 
     @field_validator("local_size")
     @classmethod
@@ -101,6 +101,21 @@ class Coverage(_Record):
 
     _ranges = field_validator("shapes", "target_fraction")(_ordered)
 
+    @property
+    def largest_target(self) -> float:
+        """The largest value of the target map."""
+        return 1.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether transitions are the same to the last bit on every platform."""
+        return True
+
+    @property
+    def targets(self) -> str:
+        """What the targets are, in a few words."""
+        return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of the cells"
+
 
 class PathLoss(_Record):
     """A pair of channel parameters: with line of sight (``los``) and without (``nlos``)."""
@@ -112,8 +127,8 @@ class PathLoss(_Record):
 class FadingVariance(_Record):
     """The variance of the shadow fading, in dB²: with line of sight (``los``) and without (``nlos``)."""
 
-    los: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    nlos: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    los: Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+    nlos: Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
 
 
 class Harvesting(_Record):
@@ -140,7 +155,7 @@ class Harvesting(_Record):
     kind: Literal["harvesting"]
     devices: tuple[_Devices, _Devices]
     data: tuple[_Positive, _Positive]
-    communication_steps: Annotated[int, Field(ge=1, le=100)]
+    communication_steps: Annotated[int, Field(ge=1, le=100, strict=True)]
     cell_size: _Positive
     altitude: _Positive
     edge_snr: _Finite
@@ -148,6 +163,21 @@ class Harvesting(_Record):
     fading_variance: FadingVariance
 
     _ranges = field_validator("devices", "data")(_ordered)
+
+    @property
+    def largest_target(self) -> float:
+        """The largest value of the target map."""
+        return self.data[1]
+
+    @property
+    def exact(self) -> bool:
+        """Whether transitions are the same to the last bit on every platform: logarithms differ in the last digits."""
+        return False
+
+    @property
+    def targets(self) -> str:
+        """What the targets are, in a few words."""
+        return f"{self.devices[0]}–{self.devices[1]} devices"
 
 
 class Split(_Record):
@@ -261,7 +291,9 @@ class Scenario(_Record):
         except ValidationError as error:
             raise ValueError(_first(error)) from None
         _check_sizes(observation, self.shape)
-        return self.model_copy(update={"observation": observation})
+        changed_copy = self.model_copy(update={"observation": observation})
+        vars(changed_copy).pop("digest", None)  # cached, of the scenario copied from
+        return changed_copy
 
 
 def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
@@ -293,16 +325,26 @@ def _check_map(rows: tuple[str, ...]) -> None:
             if inside and near not in reached and rows[near[0]][near[1]] in (FREE, LANDING):
                 reached.add(near)
                 queue.append(near)
+    if len(reached) == sum(rows[r][c] == LANDING for r, c in reached):
+        raise ValueError(f"the landing zone at {landing[0]} is unreachable: no free cell leads to it")
     for cell in landing:
         if cell not in reached:
             raise ValueError(f"the landing cell {cell} is unreachable from the landing cell {landing[0]}")
 
 
+_REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
+
+
 def _first(error: ValidationError) -> str:
     """Say the first thing wrong as ``field: reason``, and how many more there are."""
-    first = error.errors()[0]
+    # An unknown key first: a misspelt one is also a missing one, and that says less.
+    first = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")[0]
     place = ".".join(str(part) for part in first["loc"] if part not in ("coverage", "harvesting"))
-    reason = "unknown key" if first["type"] == "extra_forbidden" else first["msg"].removeprefix("Value error, ")
+    reason = _REASONS.get(first["type"], first["msg"].removeprefix("Value error, "))
+    if first["type"] == "union_tag_invalid":
+        place, reason = "mission.kind", f"{first.get('ctx', {}).get('tag')!r} is not 'coverage' or 'harvesting'"
+    elif first["type"] == "string_pattern_mismatch":
+        reason = f"{first['input']!r} is not of the form expected" + (", as in MyCity-CPP-v0" if place == "id" else "")
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     return (f"{place}: {reason}" if place else reason) + more
 
@@ -310,7 +352,7 @@ def _first(error: ValidationError) -> str:
 def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
     """Read a map's rows."""
     try:
-        return tuple(path.read_text(encoding="ascii").splitlines())
+        return tuple(path.read_text(encoding="ascii").rstrip().splitlines())
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{scenario}: map: cannot read {path}: {error}") from None
 
@@ -359,4 +401,8 @@ def load_scenario(id_or_path: str | Path) -> Scenario:
         near = difflib.get_close_matches(name, shipped, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(shipped)};"
         raise ScenarioError(f"{id_or_path}: unknown scenario; {hint} your own is given by the path of its .toml file")
-    return _load(path)
+    scenario = _load(path)
+    original = shipped.get(scenario.id, path)
+    if original != path and _load(original).digest != scenario.digest:
+        raise ScenarioError(f"{path}: id: {scenario.id} is a shipped scenario and means something else; choose another id")
+    return scenario

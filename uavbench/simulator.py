@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from uavbench.city import HOVER, LAND, NUM_ACTIONS, OFFSETS, City, city_of
-from uavbench.episode import Columns, episode_keys, frozen_columns
+from uavbench.episode import Columns, check_number, episode_keys, frozen_columns
 from uavbench.kernel import kernel
 from uavbench.keyed import START, next_integer, stream
 from uavbench.missions import mission_of
-from uavbench.scenario import SPLITS, Scenario, SplitName
+from uavbench.scenario import SPLITS, Scenario, ScenarioError, SplitName
 from uavbench.state import State, new_state
 
 _CUSTOM = -1
@@ -52,6 +52,7 @@ class Simulator:
         self.mission = mission_of(scenario, self.city, num_envs)
         self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
+        self._fitting: set[str] = set()  # splits whose frozen episodes were found to be this scenario's
         rewards = scenario.rewards
         self._rewards = (rewards.movement, rewards.safety, rewards.crash)
 
@@ -61,16 +62,25 @@ class Simulator:
         Parameters
         ----------
         index, numbers : array_like of int, shape (K,)
-            Slots, and for each the number of its episode; see `uavbench.episode.check_number`.
+            Slots, and for each the number of its episode.
         split : {"train", "validation", "test"}
             The split.
+
+        Raises
+        ------
+        ValueError
+            When the split has no episode of such a number. Nothing is changed then.
         """
         slots = np.asarray(index, dtype=np.int64)
         wanted = np.asarray(numbers, dtype=np.int64)
+        for number in (wanted.min(), wanted.max()):
+            check_number(self.scenario, split, number)
         frozen = frozen_columns(self.scenario, split)
         if frozen is None:
             self.sample(slots, episode_keys(split, wanted))
         else:
+            if split not in self._fitting:
+                self._check_fit(split, frozen)
             self._restore(slots, {name: column[wanted] for name, column in frozen.items()})
         self._splits[slots] = SPLITS.index(split)
         self._numbers[slots] = wanted
@@ -88,13 +98,8 @@ class Simulator:
 
     def columns(self) -> Columns:
         """Return the episodes of all slots as they started, as columns of a table: what a frozen file holds."""
-        index = np.arange(self.num_envs)
-        return {
-            "key": self.state.key.copy(),
-            "start": self.state.position.astype(np.int16),
-            "budget": self.state.budget.astype(np.int16),
-            **self.mission.columns(self.state, index),
-        }
+        columns = self._columns(np.arange(self.num_envs))
+        return {name: column.astype(np.int16) if column.dtype == np.int32 else column for name, column in columns.items()}
 
     def customise(self, i: int, options: Mapping[str, Any]) -> None:
         """Set by hand what ``options`` names in the episode just started in slot ``i``; the rest stays as drawn.
@@ -123,7 +128,7 @@ class Simulator:
         if not isinstance(noise, bool | np.bool_):
             raise ValueError(f"noise: {noise!r} is not True or False")
         if chosen:
-            self._restore(np.array([i]), {**self._row(i), **chosen})
+            self._restore(np.array([i]), {**self._columns(np.array([i])), **chosen})
             self._splits[i], self._numbers[i] = _CUSTOM, -1
         self.state.noise[i] = noise
 
@@ -165,9 +170,22 @@ class Simulator:
         """Return which actions have their effect in each slot, shape (B, 6), freshly allocated."""
         return self.city.action_mask[self.state.position[:, 0], self.state.position[:, 1]]
 
-    def _row(self, i: int) -> Columns:
-        """Return the episode in slot ``i`` as it is now, as columns of one row."""
-        index, state = np.array([i]), self.state
+    def _check_fit(self, split: SplitName, frozen: Columns) -> None:
+        """Refuse frozen episodes of another map or other parameters: somebody has edited the scenario since."""
+        low, high = self.scenario.budget
+        start, budget = frozen["start"], frozen["budget"]
+        on_map = (start >= 0).all() and (start < np.array(self.city.shape)).all()
+        fits = on_map and self.city.landing[start[:, 0], start[:, 1]].all()
+        if not fits or budget.min() < low or budget.max() > high or not self.mission.fits(frozen):
+            raise ScenarioError(
+                f"{self.scenario.path}: splits.{split}.file: its episodes do not fit the scenario, which has changed since "
+                "they were frozen: freeze it again"
+            )
+        self._fitting.add(split)
+
+    def _columns(self, index: NDArray[np.int64]) -> Columns:
+        """Return the episodes in the slots ``index`` as they are now, as columns of a table."""
+        state = self.state
         return {
             "key": state.key[index],
             "start": state.position[index],
@@ -188,7 +206,10 @@ class Simulator:
         self.mission.restore(state, index, columns)
 
     def _parse_start(self, value: Any) -> NDArray[np.int32]:
-        cell = np.asarray(value)
+        try:
+            cell = np.asarray(value)
+        except ValueError:
+            raise ValueError(f"start: {value!r} is not a cell [row, column] of two integers") from None
         if cell.shape != (2,) or cell.dtype.kind not in "iu":
             raise ValueError(f"start: {value!r} is not a cell [row, column] of two integers")
         r, c = cell.tolist()

@@ -73,6 +73,7 @@ class StateView:
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    view = array.view()
-    view.flags.writeable = False
-    return view
+    """Return a copy: whatever an agent does to its flags, the simulator's array stays as it is."""
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy

@@ -216,12 +216,18 @@ def test_step_needs_a_running_episode():
         env.step(0)
 
 
-@pytest.mark.parametrize("action", [6, -1, 1.0, "north", [1, 2]])
+@pytest.mark.parametrize("action", [6, -1, 1.0, "north", [1, 2], np.array([[3]]), None])
 def test_refuses_what_is_not_an_action(action):
     env = UAVEnv(CPP)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"actions|reshape"):
+    with pytest.raises(ValueError, match="actions"):
         env.step(action)
+
+
+def test_nothing_can_be_asked_before_a_reset():
+    for ask in (UAVEnv.action_masks, lambda _: UAVEnv(CPP, render_mode="ansi").render()):
+        with pytest.raises(RuntimeError, match="call reset"):
+            ask(UAVEnv(CPP))
 
 
 def test_info_tells_the_metrics_at_the_end():

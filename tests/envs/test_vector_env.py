@@ -160,6 +160,17 @@ def test_refuses_what_does_not_fit(call, error, message):
         call()
 
 
+def test_draws_the_frames_of_single_environments():
+    options = {"split": "test", "episode": 3, "start": [7, 7]}
+    ours, theirs = pair(CPP, "NextStep", render_mode="rgb_array")
+    for envs in (ours, theirs):
+        envs.reset(seed=0, options=dict(options))
+    for row in actions(60):
+        for envs in (ours, theirs):
+            envs.step(row)
+        assert all(np.array_equal(a, b) for a, b in zip(ours.render(), theirs.render(), strict=True))
+
+
 def test_renders_every_environment():
     envs = UAVVectorEnv(CPP, 2, render_mode="ansi")
     envs.reset(seed=0)

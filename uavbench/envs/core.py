@@ -11,7 +11,7 @@ from uavbench.city import NUM_ACTIONS
 from uavbench.episode import check_number, check_split, split_size
 from uavbench.missions import Mission
 from uavbench.observation import Observer
-from uavbench.scenario import Harvesting, Scenario, SplitName, load_scenario
+from uavbench.scenario import Scenario, SplitName, load_scenario
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 8}
 
@@ -25,8 +25,7 @@ def load(scenario: str | Path | Scenario, local_size: int | None, global_scale: 
 def observation_space(scenario: Scenario, observer: Observer) -> spaces.Dict:
     """Return the space of one observation: ``local`` (unless l = 0), ``global`` and ``budget``, all float32."""
     most = np.ones((observer.global_shape[0], 1, 1), dtype=np.float32)
-    if isinstance(scenario.mission, Harvesting):
-        most[-1] = scenario.mission.data[1]
+    most[-1] = scenario.mission.largest_target
     shapes = {"local": observer.local_shape, "global": observer.global_shape}
     maps: dict[str, spaces.Space[Any]] = {
         name: spaces.Box(np.zeros(shape, np.float32), np.broadcast_to(most, shape), dtype=np.float32)

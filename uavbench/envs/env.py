@@ -139,7 +139,9 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         state = self.simulator.state
         if state.done[0]:
             raise RuntimeError("step() after the end of the episode: call reset() first")
-        self.simulator.step(np.asarray(action).reshape(1))
+        if np.ndim(action) > 0:
+            raise ValueError(f"actions: {action!r} is not one integer from 0 to 5")
+        self.simulator.step(np.array([action]))
         self._path.append(self._cell())
         info: dict[str, Any] = {"action_mask": self._mask()}
         terminated = bool(state.done[0])
@@ -155,6 +157,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text, by ``render_mode``."""
         if self.render_mode is None:
             return None
+        if not self._path:
+            raise RuntimeError("no episode has begun: call reset() first")
         from uavbench import render
 
         draw = render.frame if self.render_mode == "rgb_array" else render.text
@@ -165,6 +169,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         return r, c
 
     def _mask(self) -> NDArray[np.int8]:
+        if not self._path:
+            raise RuntimeError("no episode has begun: call reset() first")
         return self.simulator.city.action_mask[self._path[-1]].copy()
 
     def _observe(self) -> Observation:

@@ -54,7 +54,11 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.scenario = load(scenario, local_size, global_scale)
         self.num_envs = num_envs
         self.render_mode = check_render_mode(render_mode)
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            names = ", ".join(mode.value for mode in AutoresetMode)
+            raise ValueError(f"autoreset_mode: {autoreset_mode!r} is not one of {names}") from None
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self._split: SplitName = check_split(split)
         self.simulator = Simulator(self.scenario, num_envs)
@@ -102,6 +106,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._start(index, per_slot)
         for i in slots:
             self.simulator.customise(i, given)
+        self._begin_paths(index)
         self._ready = True
         return self._observe(self._all), self._info(self._none(), index, index)
 
@@ -127,8 +132,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.simulator.step(actions)
         rewards, ended = state.reward.copy(), state.done & ~before
         over, truncated = np.flatnonzero(ended), np.zeros(self.num_envs, dtype=np.bool_)
-        if self.render_mode is not None:
-            self._extend_paths()
+        self._extend_paths(self._all)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and len(over):
             infos = self._final(over)
             self._start(over, {})
@@ -165,15 +169,23 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         for split, chosen in by_split.items():
             started, numbers = zip(*chosen, strict=True)
             self.simulator.reset(started, split, numbers)
+        self._begin_paths(index)
+
+    def _begin_paths(self, index: NDArray[np.int64]) -> None:
+        """Begin the paths that `render` draws."""
         if self.render_mode is not None:
+            slots: list[int] = index.tolist()
             for i in slots:
                 self._paths[i] = []
             self._extend_paths(index)
 
-    def _extend_paths(self, index: NDArray[np.int64] | None = None) -> None:
-        for i in (self._all if index is None else index).tolist():
-            r, c = self.simulator.state.position[i].tolist()
-            self._paths[i].append((r, c))
+    def _extend_paths(self, index: NDArray[np.int64]) -> None:
+        """Add the UAVs' cells to the paths that `render` draws."""
+        if self.render_mode is not None:
+            slots: list[int] = index.tolist()
+            for i in slots:
+                r, c = self.simulator.state.position[i].tolist()
+                self._paths[i].append((r, c))
 
     def _observe(self, index: NDArray[np.int64]) -> Observation:
         """Return fresh arrays with the observations of the slots ``index`` in their places."""

@@ -34,6 +34,10 @@ class Mission(Protocol):
         """Set the targets of the slots ``index`` from the rows of ``columns``."""
         ...
 
+    def fits(self, columns: Columns) -> bool:
+        """Say whether frozen columns can be of this scenario."""
+        ...
+
     def parse(self, value: Any) -> Columns:
         """Turn the option of ``reset`` into columns of one row, or raise a ValueError that says what is wrong."""
         ...

@@ -60,6 +60,14 @@ class CoverageMission:
         state.target[index] = bits.reshape(-1, rows, cols)
         state.total[index] = state.remaining[index] = bits.sum(axis=1)
 
+    def fits(self, columns: Columns) -> bool:
+        """Say whether frozen columns can be of this scenario: a bit for every cell, none on a building."""
+        cells = self._city.building.size
+        targets = columns["targets"]
+        if targets.shape[1] != (cells + 7) // 8:
+            return False
+        return not np.unpackbits(targets.astype(np.uint8), axis=1, count=cells)[:, self._city.building.reshape(-1)].any()
+
     def parse(self, value: Any) -> Columns:
         """Turn a mask of targets, shape (M, N), into columns."""
         try:

@@ -119,6 +119,18 @@ class HarvestingMission:
         self.devices.data[index] = columns["device_data"]
         _place(state, self.devices, index, self._city.building, self._sights)
 
+    def fits(self, columns: Columns) -> bool:
+        """Say whether frozen columns can be of this scenario: devices where they may be, with data in its range."""
+        low, high = self._parameters.data
+        (fewest, most), (rows, cols) = self._parameters.devices, self._city.shape
+        there = np.arange(most) < columns["device_count"][:, None]
+        r, c = columns["device_cell"][..., 0], columns["device_cell"][..., 1]
+        if r.shape != there.shape or columns["device_count"].min() < fewest or r.max() >= rows or c.max() >= cols:
+            return False
+        free = ~(self._city.building | self._city.landing)
+        data = columns["device_data"]
+        return bool((free[r, c] & (data >= low) & (data <= high))[there].all())
+
     def parse(self, value: Any) -> Columns:
         """Turn rows (row, column, data), shape (K, 3), into columns."""
         try:

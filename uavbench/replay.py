@@ -1,0 +1,120 @@
+"""Checking results: simulating the recorded actions again, and comparing two agents on the same episodes."""
+
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.city import NUM_ACTIONS
+from uavbench.episode import check_split, split_size
+from uavbench.evaluate import EpisodeRecord
+from uavbench.metrics import METRICS, Comparison, compare
+from uavbench.results import COLUMNS, Result, ResultError, metrics_of
+from uavbench.scenario import Scenario, SplitName, load_scenario
+from uavbench.simulator import Simulator
+
+
+def replay(result: Result, scenario_file: str | None = None) -> list[str]:
+    """Simulate the actions of a result again and compare every number.
+
+    Parameters
+    ----------
+    result : Result
+        What is checked.
+    scenario_file : str, optional
+        Where the scenario is, if it is a user's own and not where it was.
+
+    Returns
+    -------
+    list of str
+        What differs, a line each; empty when every number is reproduced.
+
+    Raises
+    ------
+    ResultError
+        When the scenario's digest is not the result's, or a file is damaged.
+    """
+    summary = result.summary
+    scenario = load_scenario(scenario_file or summary.get("scenario_file") or summary["scenario"])
+    if scenario.digest != summary["scenario_digest"]:
+        raise ResultError(
+            f"{result.folder}: scenario_digest: the result is of another {scenario.id} "
+            f"({summary['scenario_digest'][:12]}…, this one is {scenario.digest[:12]}…)"
+        )
+    try:
+        split = check_split(summary["split"])
+    except ValueError as error:
+        raise ResultError(f"{result.folder / 'summary.json'}: {error}") from None
+    table, actions = result.episodes(), result.actions()
+    expected = list(range(summary["episodes"]))
+    for name, found in (("episodes.csv", table["episode"].tolist()), ("actions.npz", list(actions))):
+        if found != expected or not 0 < len(expected) <= split_size(scenario, split):
+            return [f"{name} does not hold the episodes 0 to {len(expected) - 1}, each once and in order"]
+    wrong: list[str] = []
+    flown: list[EpisodeRecord] = []
+    # CPP is exact on any machine; DH but for the last digits of a platform's logarithm.
+    tolerance = 0.0 if scenario.mission.exact else 1e-6
+    for number, row in zip(expected, table[list(COLUMNS)].to_dict("records"), strict=True):
+        record = fly_recorded(scenario, split, number, actions[number])
+        if record is None:
+            wrong.append(f"episode {number}: actions.npz does not hold the actions of a whole episode")
+            continue
+        flown.append(record)
+        for column, field in COLUMNS.items():
+            value = float(getattr(record, field))
+            if not abs(value - float(row[column])) <= tolerance:  # so that NaN differs
+                wrong.append(f"episode {number}: {column} is {value:g}, episodes.csv says {row[column]}")
+    if wrong:
+        return wrong
+    counted = sum(record.steps for record in flown)
+    if summary["decisions"] != counted:
+        wrong.append(f"summary.json: decisions is {counted}, it says {summary['decisions']}")
+    for name, interval in metrics_of(flown).items():
+        for part, value in asdict(interval).items():
+            said = getattr(result.metrics[name], part)
+            if not abs(value - said) <= max(tolerance, 1e-9):
+                wrong.append(f"summary.json: metrics.{name}.{part} is {value:g}, it says {said}")
+    return wrong
+
+
+def fly_recorded(scenario: Scenario, split: SplitName, number: int, actions: NDArray[np.uint8]) -> EpisodeRecord | None:
+    """Fly an episode with recorded actions; return None when they are not those of a whole episode."""
+    simulator = Simulator(scenario, 1)
+    simulator.reset([0], split, [number])
+    state, total = simulator.state, 0.0
+    for action in actions.tolist():
+        if state.done[0] or action >= NUM_ACTIONS:
+            return None
+        simulator.step(np.array([action]))
+        total += float(state.reward[0])
+    if not state.done[0]:
+        return None
+    return EpisodeRecord(
+        episode=number,
+        budget=int(state.initial_budget[0]),
+        steps=len(actions),
+        total_reward=total,
+        actions=actions,
+        seconds=0.0,
+        **{name: values[0].item() for name, values in simulator.outcomes([0]).items()},
+    )
+
+
+def compare_results(first: Result, second: Result) -> dict[str, Comparison]:
+    """Compare two results on the same episodes, metric by metric.
+
+    Raises
+    ------
+    ResultError
+        When they are not of the same scenario, split and episodes.
+    """
+    for field in ("scenario", "scenario_digest", "split", "episodes"):
+        if first.summary[field] != second.summary[field]:
+            raise ResultError(
+                f"cannot compare: {field} is {first.summary[field]} in {first.folder}, "
+                f"{second.summary[field]} in {second.folder}"
+            )
+    a, b = first.episodes(), second.episodes()
+    if a["episode"].tolist() != b["episode"].tolist():
+        raise ResultError(f"cannot compare: {first.folder} and {second.folder} hold different episodes")
+    return {name: compare(a[name].to_numpy(np.float64), b[name].to_numpy(np.float64)) for name in METRICS}

@@ -1,0 +1,211 @@
+"""An evaluation from beginning to end, that may be interrupted in between.
+
+What is finished is kept in ``<agent>.partial`` beside the result's folder; `run` with ``resume`` goes on from there and ends
+in the same result as a run that was not interrupted.
+"""
+
+import json
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavbench.agent import AgentSource
+from uavbench.episode import check_split, split_size
+from uavbench.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.files import pack_arrays, unpack_arrays, write_whole
+from uavbench.resources import scenario_paths
+from uavbench.results import Result, ResultError, identity, load_result, publish
+from uavbench.scenario import load_scenario
+
+_CHECKPOINT_SECONDS = 10.0
+_TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
+
+
+def jobs(
+    source: AgentSource, scenarios: Sequence[str], split: str, episodes: int | None, decision_timeout: float | None
+) -> list[tuple[Job, int]]:
+    """Plan evaluations: a job and its number of episodes for each scenario, ``"all"`` being all that are shipped.
+
+    Raises
+    ------
+    ScenarioError, ResultError
+        When a scenario, the split or the number of episodes does not exist, or the timeout is not above 0.
+    AgentLoadError
+        When the agent cannot be loaded.
+    """
+    planned: list[tuple[Job, int]] = []
+    names = [each for name in scenarios for each in (scenario_paths() if name == "all" else [name])]
+    source.load()
+    if decision_timeout is not None and not decision_timeout > 0:
+        raise ResultError(f"--decision-timeout: {decision_timeout:g} s is not above 0")
+    for name in dict.fromkeys(names):
+        scenario = load_scenario(name)
+        try:
+            checked = check_split(split)
+        except ValueError as error:
+            raise ResultError(f"--{error}") from None
+        size = split_size(scenario, checked)
+        count = episodes or min(size, _TRAIN_EPISODES)
+        if count > size:
+            raise ResultError(f"--episodes: {count}, but {scenario.id} has {size} {split} episodes")
+        planned.append((Job(source, scenario, checked, decision_timeout), count))
+    return planned
+
+
+def run(
+    job: Job,
+    episodes: int,
+    out: Path,
+    *,
+    workers: int = 1,
+    resume: bool = False,
+    overwrite: bool = False,
+    on_start: Callable[[], None] = lambda: None,
+    on_record: Callable[[EpisodeRecord], None] = lambda record: None,
+) -> Result:
+    """Evaluate an agent and write the result to ``out``/<scenario>/<agent>.
+
+    Parameters
+    ----------
+    job : Job
+        What is flown.
+    episodes : int
+        How many episodes of the job's split: 0 to ``episodes`` − 1.
+    out : Path
+        The folder of all results.
+    workers : int
+        Processes.
+    resume : bool
+        Go on from an interrupted run; there need not be one. A finished one is returned as it is.
+    overwrite : bool
+        Replace a finished result even by one of another split or of fewer episodes.
+    on_start : callable
+        Called once, when all is checked and the first episode is about to be flown.
+    on_record : callable
+        Called with every record, those of the interrupted run first.
+
+    Raises
+    ------
+    ResultError
+        When ``out`` cannot be written, when an interrupted run is there and ``resume`` is not given or it is of something
+        else, or when a finished result of another split or of more episodes is there and ``overwrite`` is not given.
+    AgentError, KeyboardInterrupt
+        When the agent fails or the user interrupts; what was finished is kept.
+    """
+    folder = out / job.scenario.id / job.source.name
+    sought = identity(job, episodes)
+    _check_writable(folder.parent)
+    partial = _Partial(folder.with_name(folder.name + ".partial"), sought)
+    records, spent = partial.load(resume)
+    finished = _finished(folder)
+    if finished and resume and not records and all(finished.summary.get(name) == value for name, value in sought.items()):
+        return finished
+    if finished and not overwrite and (finished.summary["split"] != job.split or finished.summary["episodes"] > episodes):
+        raise ResultError(
+            f"{folder} holds a result of {finished.summary['episodes']} {finished.summary['split']} episodes: "
+            "give another --out, or --overwrite"
+        )
+    on_start()
+    for record in records.values():
+        on_record(record)
+    missing = [number for number in range(episodes) if number not in records]
+    started = saved = time.perf_counter()
+    try:
+        for record in evaluate(job, missing, workers) if missing else ():
+            records[record.episode] = record
+            on_record(record)
+            if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
+                partial.save(records, spent + time.perf_counter() - started)
+                saved = time.perf_counter()
+        wall_time = spent + time.perf_counter() - started
+        result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
+    except BaseException:
+        partial.save(records, spent + time.perf_counter() - started)
+        raise
+    partial.remove()
+    return result
+
+
+def _check_writable(folder: Path) -> None:
+    """Refuse a folder that cannot be written before anything is flown."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise ResultError(f"--out: cannot write to {folder}: {error.strerror}") from None
+
+
+def _finished(folder: Path) -> Result | None:
+    """Return the result in ``folder``, if there is one."""
+    try:
+        return load_result(folder)
+    except ResultError:
+        return None
+
+
+def _short(value: object) -> str:
+    """Return a digest's beginning, or a value as it is."""
+    text = str(value)
+    return text[:12] + "…" if len(text) == 64 else text
+
+
+class _Partial:
+    """What an interrupted run has finished."""
+
+    def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
+        self._path = folder / "records.npz"
+        self._identity = identity
+
+    def load(self, resume: bool) -> tuple[dict[int, EpisodeRecord], float]:
+        """Return the finished records and the time they took."""
+        if not self._path.is_file():
+            return {}, 0.0
+        try:
+            columns = unpack_arrays(self._path.read_bytes())
+            identity = json.loads(str(columns["identity"]))
+        except (OSError, ValueError, KeyError) as error:
+            raise ResultError(f"{self._path}: damaged ({error}); delete its folder to start over") from None
+        where = f"{self._path.parent} holds an unfinished run of {identity['agent']} on {identity['scenario']}"
+        if not resume and identity != self._identity:
+            return {}, 0.0  # an agent or scenario edited since, or another number of episodes: a new run
+        if not resume:
+            raise ResultError(
+                f"{where}, {len(columns['episode'])} of {identity['episodes']} episodes done: "
+                "finish it with --resume, or delete the folder to start over"
+            )
+        for name, value in self._identity.items():
+            if identity.get(name) != value:
+                raise ResultError(
+                    f"{where}, but its {name} is {_short(identity.get(name))}, not {_short(value)}: "
+                    "run without --resume to start over"
+                )
+        parts = np.split(columns["actions"], np.cumsum(columns["steps"])[:-1])
+        names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
+        rows = zip(*(columns[name].tolist() for name in names), strict=True)
+        records = [
+            EpisodeRecord(**dict(zip(names, row, strict=True)), actions=part) for row, part in zip(rows, parts, strict=True)
+        ]
+        return {record.episode: record for record in records}, float(columns["spent"])
+
+    def save(self, records: dict[int, EpisodeRecord], spent: float) -> None:
+        """Keep the finished records, whole or not at all."""
+        if not records:
+            return
+        done = list(records.values())
+        names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
+        columns = {name: np.array([getattr(record, name) for record in done]) for name in names}
+        columns["actions"] = np.concatenate([record.actions for record in done])
+        columns["identity"] = np.array(json.dumps(self._identity))
+        columns["spent"] = np.array(spent)
+        write_whole(self._path, pack_arrays(columns))
+
+    def remove(self) -> None:
+        """Forget the unfinished run: it is finished."""
+        shutil.rmtree(self._path.parent, ignore_errors=True)
