@@ -98,13 +98,13 @@ class EvaluationProgress:
 
     def __init__(self, progress: Progress, label: str, total: int) -> None:
         self._progress = progress
-        self._task = progress.add_task(label, total=total, visible=False, cral="starting (the first run compiles)")
+        self._task = progress.add_task(label, total=total, cral="starting (the first run compiles)")
         self._sum = 0.0
         self._count = 0
 
     def show(self) -> None:
         """Show the bar: flying begins."""
-        self._progress.update(self._task, visible=True)
+        self._progress.start()
 
     def advance(self, record: EpisodeRecord) -> None:
         """Count a finished episode."""
@@ -115,7 +115,7 @@ class EvaluationProgress:
 
 @contextmanager
 def evaluation_progress(console: Console, label: str, total: int) -> Generator[EvaluationProgress]:
-    """Show the progress of an evaluation in the block."""
+    """Show the progress of an evaluation, from its `show` to the end of the block."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -124,5 +124,9 @@ def evaluation_progress(console: Console, label: str, total: int) -> Generator[E
         TimeRemainingColumn(),
         TextColumn("{task.fields[cral]}"),
     )
-    with Progress(*columns, console=console) as progress:
+    progress = Progress(*columns, console=console)
+    try:
         yield EvaluationProgress(progress, label, total)
+    finally:
+        if progress.live.is_started:
+            progress.stop()
