@@ -74,6 +74,7 @@ class Observer:
         _write_global(
             state.position,
             state.target,
+            state.row_targets,
             state.budget,
             index,
             self._tables.means,
@@ -131,6 +132,7 @@ def _write_local(
 def _write_global(
     position: NDArray[np.int32],
     target: NDArray[np.float32],
+    row_targets: NDArray[np.int32],
     budget: NDArray[np.int32],
     index: NDArray[np.int64],
     means: NDArray[np.float32],
@@ -161,10 +163,13 @@ def _write_global(
             first, last = max(0, y * scale - top), min(rows, (y + 1) * scale - top)
             if first >= last:
                 break
+            if row_targets[i, first:last].sum() == 0:
+                continue
             sums[:] = 0.0
             columns = sums[lead : lead + cols]
             for row in range(first, last):
-                _add(target[i, row], columns)
+                if row_targets[i, row]:
+                    _add(target[i, row], columns)
             _sum_blocks(sums, scale, layer[y, before : before + blocks])
 
 

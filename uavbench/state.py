@@ -25,6 +25,8 @@ class State(NamedTuple):
         Whether the UAV has landed, and whether the episode has ended (landed or crashed).
     target : ndarray of float32, shape (B, M, N)
         The target map D(t): 1 where a cell is still to cover, or the data left at a device's cell.
+    row_targets : ndarray of int32, shape (B, M)
+        How many cells of each row of the target map are not 0: the observation passes over the others.
     total, remaining : ndarray of float64, shape (B,)
         Target cells or data units at the start, and left.
     reward : ndarray of float64, shape (B,)
@@ -41,6 +43,7 @@ class State(NamedTuple):
     landed: NDArray[np.bool_]
     done: NDArray[np.bool_]
     target: NDArray[np.float32]
+    row_targets: NDArray[np.int32]
     total: NDArray[np.float64]
     remaining: NDArray[np.float64]
     reward: NDArray[np.float64]
@@ -59,6 +62,7 @@ def new_state(num_envs: int, shape: tuple[int, int]) -> State:
         landed=np.zeros(num_envs, dtype=np.bool_),
         done=np.ones(num_envs, dtype=np.bool_),
         target=np.zeros((num_envs, *shape), dtype=np.float32),
+        row_targets=np.zeros((num_envs, shape[0]), dtype=np.int32),
         total=np.zeros(num_envs, dtype=np.float64),
         remaining=np.zeros(num_envs, dtype=np.float64),
         reward=np.zeros(num_envs, dtype=np.float64),

@@ -58,6 +58,7 @@ class CoverageMission:
         rows, cols = self._city.shape
         bits = np.unpackbits(columns["targets"].astype(np.uint8), axis=1, count=rows * cols)
         state.target[index] = bits.reshape(-1, rows, cols)
+        state.row_targets[index] = bits.reshape(-1, rows, cols).sum(axis=2)
         state.total[index] = state.remaining[index] = bits.sum(axis=1)
 
     def fits(self, columns: Columns) -> bool:
@@ -161,7 +162,7 @@ def _sample(
         for _ in range(attempts):
             painted, _placed = draw_shapes(cursor, fewest, most, grid)
             if low * cells <= painted <= high * cells:
-                left = _keep(grid, building, state.target[i])
+                left = _keep(grid, building, state.target[i], state.row_targets[i])
                 if left > 0:
                     break
         if left == 0:
@@ -171,16 +172,19 @@ def _sample(
 
 
 @kernel
-def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32]) -> int:
+def _keep(
+    grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32], row_targets: NDArray[np.int32]
+) -> int:
     """Make the painted cells that are not buildings the targets; return their number."""
-    left = 0
     for r in range(grid.shape[0]):
         painted, walls, kept = grid[r], building[r], target[r]
+        left = 0
         for c in range(len(painted)):
             keep = painted[c] & ~walls[c] & 1
             kept[c] = keep
             left += keep
-    return left
+        row_targets[r] = left
+    return row_targets.sum()
 
 
 @kernel
@@ -198,6 +202,7 @@ def _collect(state: State, views: NDArray[np.uint64], reach: int, reward: float)
                 # The view first: it never shows a cell off the map.
                 if view & np.uint64(1) and state.target[i, r + y - reach, c + x - reach] > 0.0:
                     state.target[i, r + y - reach, c + x - reach] = 0.0
+                    state.row_targets[i, r + y - reach] -= 1
                     gain += 1
                 view >>= np.uint64(1)
         state.remaining[i] -= gain

@@ -248,11 +248,13 @@ def _place(state: State, devices: Devices, index: NDArray[np.int64], building: N
     for n in range(len(index)):
         i = int(index[n])
         state.target[i] = 0.0
+        state.row_targets[i] = 0
         state.total[i] = 0.0
         devices.served[i] = -1
         for k in range(devices.number[i]):
             r, c = devices.cell[i, k]
             state.target[i, r, c] = devices.data[i, k]
+            state.row_targets[i, r] += 1
             state.total[i] += devices.data[i, k]
             devices.sight[i, k] = _sight(sights, building, r, c, seen)
         state.remaining[i] = state.total[i]
@@ -292,7 +294,10 @@ def _collect(state: State, devices: Devices, channel: Channel, reward: float) ->
                 served = min(math.log2(1.0 + math.exp(log_snr)), devices.data[i, best])
                 devices.data[i, best] -= served
                 gain += served
-                state.target[i, devices.cell[i, best, 0], devices.cell[i, best, 1]] = devices.data[i, best]
+                y, x = devices.cell[i, best]
+                state.target[i, y, x] = devices.data[i, best]
+                if devices.data[i, best] == 0.0:
+                    state.row_targets[i, y] -= 1
         left = 0.0
         for j in range(devices.number[i]):
             left += devices.data[i, j]
