@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 app = typer.Typer(
-    help="Benchmark suite for UAV path planning: coverage (CPP) and data harvesting (DH) on grid cities.",
-    epilog="Start with:  uavbench new my_agent.py  and  uavbench evaluate --agent my_agent.py",
+    epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
     no_args_is_help=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -24,7 +23,25 @@ def _fail(error: BaseException | str, code: int = 2) -> typer.Exit:
     return typer.Exit(code)
 
 
-@app.command("list", epilog="Example:  uavbench list")
+def _version(wanted: bool) -> None:
+    """Print the version and end, when it is asked for."""
+    if wanted:
+        from uavbench import __version__
+
+        typer.echo(f"uavbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    _version_wanted: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Benchmark suite for UAV path planning: coverage (CPP) and data harvesting (DH) on grid cities."""
+
+
+@app.command("list", epilog="\\b\\nExample:\\n  uavbench list")
 def list_scenarios() -> None:
     """List the scenarios."""
     from rich.console import Console
@@ -35,7 +52,7 @@ def list_scenarios() -> None:
     Console().print(scenario_table(load_scenario(name) for name in scenario_ids()))
 
 
-@app.command(epilog="Example:  uavbench show Manhattan32-CPP-v0")
+@app.command(epilog="\\b\\nExample:\\n  uavbench show Manhattan32-CPP-v0")
 def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")]) -> None:
     """Show a scenario's parameters and map."""
     from rich.console import Console
@@ -49,7 +66,7 @@ def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .
         raise _fail(error) from None
 
 
-@app.command(epilog="Example:  uavbench new my_agent.py")
+@app.command(epilog="\\b\\nExample:\\n  uavbench new my_agent.py")
 def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> None:
     """Write a template of an agent."""
     from uavbench.agent import AgentLoadError, write_template
@@ -61,14 +78,17 @@ def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> Non
     typer.echo(f"wrote {path}; next:  uavbench check {path}")
 
 
-@app.command(epilog="Example:  uavbench check my_agent.py")
+@app.command(epilog="\\b\\nExample:\\n  uavbench check my_agent.py")
 def check(
     agent: Annotated[str, typer.Argument(help="path.py, path.py:Class, or a built-in's name.")],
     scenario: Annotated[
         list[str] | None, typer.Option(help="Where to fly instead of Block8-CPP-v0 and Block8-DH-v0; repeatable.")
     ] = None,
 ) -> None:
-    """Check that an agent keeps the contract, and say in one line what is wrong."""
+    """Check that an agent keeps the contract.
+
+    It is flown on Block8; what is wrong is said in one line.
+    """
     from uavbench import ScenarioError
     from uavbench.agent import AgentLoadError, find_agent
     from uavbench.check import SCENARIOS, check_agent
@@ -82,9 +102,9 @@ def check(
 
 
 @app.command(
-    epilog="Examples:  uavbench evaluate --agent my_agent.py  |  "
-    "uavbench evaluate --agent greedy --scenario Urban50-DH-v0 --episodes 100 --workers 2  |  "
-    "uavbench evaluate --agent greedy --scenario all --resume"
+    epilog="\b\nExamples:\n  uavbench evaluate --agent my_agent.py\n"
+    "  uavbench evaluate --agent greedy --scenario Urban50-DH-v0 --episodes 100 --workers 2\n"
+    "  uavbench evaluate --agent my_agent.py --scenario all --resume"
 )
 def evaluate(
     agent: Annotated[str, typer.Option(help="path.py, path.py:Class, or a built-in's name (greedy, random).")],
@@ -104,7 +124,10 @@ def evaluate(
         bool, typer.Option("--overwrite", help="Replace even a result of another split or of more episodes.")
     ] = False,
 ) -> None:
-    """Score an agent: Landed, CR and CRAL, each with its 95 % confidence interval."""
+    """Score an agent over a split's episodes.
+
+    Prints Landed, CR and CRAL, each with its 95 % confidence interval.
+    """
     from rich.console import Console
 
     from uavbench import ScenarioError
@@ -146,12 +169,15 @@ def evaluate(
         raise _fail(f"interrupted; finished episodes are kept in {out}; --resume goes on", 1) from None
 
 
-@app.command(epilog="Example:  uavbench replay results/Manhattan32-CPP-v0/my_agent")
+@app.command(epilog="\\b\\nExample:\\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
 def replay(
     folder: _ResultFolder,
     scenario: Annotated[str | None, typer.Option(help="The .toml file of a scenario of your own, if it has moved.")] = None,
 ) -> None:
-    """Simulate the actions of a result again; every number must come out the same."""
+    """Simulate a result again from its actions.
+
+    Every number must come out the same.
+    """
     from uavbench import ScenarioError
     from uavbench.replay import replay as replay_result
     from uavbench.results import ResultError, load_result
@@ -167,9 +193,12 @@ def replay(
     typer.echo(f"{folder}: all {result.summary['episodes']} episodes reproduced, every number")
 
 
-@app.command(epilog="Example:  uavbench compare results/Manhattan32-CPP-v0/greedy results/Manhattan32-CPP-v0/random")
+@app.command(epilog="\\b\\nExample:\\n  uavbench compare results/Manhattan32-CPP-v0/greedy results/Manhattan32-CPP-v0/random")
 def compare(first: _ResultFolder, second: _ResultFolder) -> None:
-    """Compare two agents on the same episodes: paired differences and probabilities of improvement."""
+    """Compare two agents on the same episodes.
+
+    Prints paired differences and the probability that the first is better, with their intervals.
+    """
     from rich.console import Console
 
     from uavbench.display import comparison_table
@@ -183,9 +212,12 @@ def compare(first: _ResultFolder, second: _ResultFolder) -> None:
         raise _fail(error) from None
 
 
-@app.command(epilog="Example:  uavbench freeze my_city.toml")
+@app.command(epilog="\\b\\nExample:\\n  uavbench freeze my_city.toml")
 def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml file.")]) -> None:
-    """Freeze a scenario's validation and test episodes in files, and print the lines that name them."""
+    """Freeze a scenario's episodes in files.
+
+    Prints the lines that name them, for the scenario's file.
+    """
     from uavbench import ScenarioError, load_scenario
     from uavbench.freeze import freeze as freeze_scenario
 

@@ -1,5 +1,7 @@
 """The vector environment is bit for bit what Gymnasium makes of single environments."""
 
+import pickle
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -128,6 +130,15 @@ def test_stepping_past_the_end_is_an_error_without_autoreset():
     envs.step(np.array([5, 4]))
     with pytest.raises(RuntimeError, match=r"slots \[0\]"):
         envs.step(np.array([4, 4]))
+
+
+def test_goes_on_alike_after_pickling():
+    envs = UAVVectorEnv(DH, 3)
+    envs.reset(seed=0)
+    envs.step(np.array([4, 5, 4]))
+    copy = pickle.loads(pickle.dumps(envs))
+    for row in actions(40)[:, :3]:
+        same(envs.step(row), copy.step(row))
 
 
 def test_stepping_before_a_successful_reset_is_an_error():
