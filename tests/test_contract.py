@@ -10,9 +10,11 @@ import pytest
 from record import digest
 
 from uavbench import load_scenario, scenario_ids
-from uavbench.episode import frozen_columns, split_size
+from uavbench.envs.env import UAVEnv
+from uavbench.episode import episode_keys, frozen_columns, split_size
 from uavbench.files import pack_arrays
 from uavbench.freeze import FROZEN_SPLITS, draw
+from uavbench.keyed import AGENT, stream
 
 SCENARIOS = {
     "Block8-CPP-v0": "43c301d74b011aec2cded9f226f0b5cfa92ba0ef5cc3b59dd37ddb892b0011b0",
@@ -53,6 +55,17 @@ def test_the_scenario_is_the_same(name):
 @pytest.mark.parametrize("name", TRANSITIONS)
 def test_the_transitions_and_observations_are_the_same(name):
     assert digest(name) == TRANSITIONS[name]
+
+
+def test_seeds_mean_the_same_episodes():
+    env = UAVEnv("Block8-CPP-v0")
+    numbers = [env.reset(seed=0)[1], env.reset()[1], env.reset(seed=1)[1]]
+    assert [info["episode_number"] for info in numbers] == [2937467307694268567, 1244171615822312904, 2360360630558964031]
+
+
+def test_agents_are_given_the_same_seeds():
+    seeds = [int(stream(key, AGENT)) >> 1 for key in episode_keys("test", np.arange(3))]
+    assert seeds == [9204211687907767439, 3353139973716558898, 5702259096666202763]
 
 
 @pytest.mark.parametrize("split", FROZEN_SPLITS)
