@@ -88,6 +88,15 @@ def test_replay_finds_a_changed_number(result, column):
     assert any(f"episode 4: {column}" in line for line in replay(load_result(result.folder)))
 
 
+def test_replay_finds_a_number_that_is_none(result):
+    path = result.folder / "episodes.csv"
+    lines = path.read_text().splitlines()
+    cells = lines[5].split(",")
+    lines[5] = ",".join([*cells[:4], "nan", *cells[5:]])
+    path.write_text("\n".join(lines) + "\n")
+    assert any("episode 4: cr" in line for line in replay(load_result(result.folder)))
+
+
 def test_replay_finds_a_changed_summary(result):
     path = result.folder / "summary.json"
     summary = json.loads(path.read_text())
