@@ -4,5 +4,11 @@ import os
 import sys
 from pathlib import Path
 
+from hypothesis import settings
+
 os.environ.setdefault("MPLBACKEND", "Agg")
 sys.path.insert(0, str(Path(__file__).parent))
+
+settings.register_profile("uavbench", deadline=None)  # the first example of a test may compile kernels
+if "CI" not in os.environ:  # there Hypothesis loads a deterministic profile of its own
+    settings.load_profile("uavbench")

@@ -17,7 +17,7 @@ from uavbench.observation import Observer
 from uavbench.simulator import Simulator
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(maps(largest=12))
 def test_sees_what_the_oracle_sees(rows):
     city = City(rows)
@@ -40,7 +40,7 @@ def test_visibility_is_not_symmetric():
     assert any(seen[a][b] != seen[b][a] for a in cells[:50] for b in cells)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(maps())
 def test_distances_are_those_of_relaxation(rows):
     city = City(rows)
@@ -58,7 +58,7 @@ def test_distances_are_those_of_relaxation(rows):
     assert np.array_equal(city.home, np.where(there >= 10**6, -1, there))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(maps(), st.sampled_from([1, 3, 5, 7]))
 def test_the_cameras_views_are_its_square_less_buildings_and_shadow(rows, size):
     world = scenario(rows, {**COVERAGE, "camera_size": size})

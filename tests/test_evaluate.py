@@ -123,14 +123,14 @@ def test_batches_and_constructors_are_checked_too(name, reason):
 
 def test_a_slow_decision_is_stopped():
     started = time.perf_counter()
-    with pytest.raises(AgentError, match=r"test episode 3, step 3: act\(\) took longer than 0.2 s"):
-        list(evaluate(job("Slow", decision_timeout=0.2), range(10)))
+    with pytest.raises(AgentError, match=r"test episode 3, step 3: act\(\) took longer than 1 s"):
+        list(evaluate(job("Slow", decision_timeout=1.0), range(10)))
     assert time.perf_counter() - started < 20
 
 
 def test_a_hanging_reset_is_stopped():
-    with pytest.raises(AgentError, match=r"episode 0, step 0: reset\(\) took longer than 0.2 s"):
-        list(evaluate(job("HangingReset", decision_timeout=0.2), range(3)))
+    with pytest.raises(AgentError, match=r"episode 0, step 0: reset\(\) took longer than 1 s"):
+        list(evaluate(job("HangingReset", decision_timeout=1.0), range(3)))
 
 
 def test_a_worker_that_dies_is_a_failing_agent():

@@ -66,7 +66,7 @@ def check_observation(env, oracle, observation, exact):
 SIZES = st.tuples(st.sampled_from([1, 3, 5, 7]), st.integers(1, 7))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.data(), maps(), SIZES, st.sampled_from([1, 3, 5, 7]), st.lists(st.integers(0, 5), min_size=40, max_size=40))
 def test_coverage_agrees_with_the_oracle(data, rows, sizes, camera, actions):
     world = scenario(rows, {**COVERAGE, "camera_size": camera}, observation={"local_size": sizes[0], "global_scale": sizes[1]})
@@ -81,7 +81,7 @@ def test_coverage_agrees_with_the_oracle(data, rows, sizes, camera, actions):
             break
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     st.data(),
     maps(),
