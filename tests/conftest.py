@@ -6,7 +6,6 @@ from pathlib import Path
 
 from hypothesis import settings
 
-os.environ.setdefault("MPLBACKEND", "Agg")
 sys.path.insert(0, str(Path(__file__).parent))
 
 settings.register_profile("uavbench", deadline=None)  # the first example of a test may compile kernels

@@ -6,6 +6,7 @@ kernels of other files. So the cache folder is named by a digest of the whole pa
 
 import hashlib
 import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -28,7 +29,15 @@ def _cache_folder() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "uavbench" / name
 
 
-_CACHE_FOLDER = str(_cache_folder())
+def _fresh(folder: Path) -> Path:
+    """Remove what earlier sources of this package left beside ``folder``, when it is to be made."""
+    if folder.parent.name == "__pycache__" and not folder.exists():  # the user's folder may serve other installations
+        for stale in folder.parent.glob("kernels-*"):
+            shutil.rmtree(stale, ignore_errors=True)
+    return folder
+
+
+_CACHE_FOLDER = str(_fresh(_cache_folder()))
 
 
 def kernel(function: _F) -> _F:

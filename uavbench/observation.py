@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from uavbench.city import City
 from uavbench.kernel import kernel
-from uavbench.scenario import ObservationSizes
+from uavbench.parameters import ObservationSizes
 from uavbench.state import State
 
 LAYERS = ("landing", "no_fly", "building", "target")

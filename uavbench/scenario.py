@@ -12,9 +12,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from uavbench import resources
+from uavbench.parameters import Count, Coverage, Harvesting, ObservationSizes, Record, Rewards, ordered
 
 FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
 
@@ -26,161 +27,7 @@ class ScenarioError(ValueError):
     """A scenario that cannot be used; the message names the file, the field and the reason."""
 
 
-class _Record(BaseModel):
-    """A frozen record that refuses unknown keys."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-def _ordered(bounds: tuple[float, float]) -> tuple[float, float]:
-    """Refuse a range turned around."""
-    if bounds[0] > bounds[1]:
-        raise ValueError(f"the lower bound {bounds[0]} exceeds the upper bound {bounds[1]}: write [low, high]")
-    return bounds
-
-
-_Count = Annotated[int, Field(ge=1, le=30_000, strict=True)]
-_Devices = Annotated[int, Field(ge=1, le=100, strict=True)]
-_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
-_Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
-_Fraction = Annotated[float, Field(ge=0, le=1, strict=True)]
-
-
-class Rewards(_Record):
-    """The terms of the reward.
-
-    Attributes
-    ----------
-    movement : float
-        r_mov, paid by every action except a successful landing.
-    safety : float
-        r_sc, paid when the UAV stayed in place without hovering or landing successfully.
-    crash : float
-        r_crash, paid when the budget ends without a landing.
-    collect : float
-        r_c, per newly covered cell or per collected data unit.
-    """
-
-    movement: _Finite
-    safety: _Finite
-    crash: _Finite
-    collect: _Finite
-
-
-class ObservationSizes(_Record):
-    """The sizes of the global-local observation (paper eqs. 5 to 15): ``local_size`` l and ``global_scale`` g."""
-
-    local_size: Annotated[int, Field(ge=0, strict=True)]
-    global_scale: Annotated[int, Field(ge=1, strict=True)]
-
-    @field_validator("local_size")
-    @classmethod
-    def _odd(cls, size: int) -> int:
-        if size and size % 2 == 0:
-            raise ValueError(f"{size} is even: the crop is centred on the UAV, so it must be odd (or 0 for none)")
-        return size
-
-
-class Coverage(_Record):
-    """The parameters of coverage path planning (CPP).
-
-    Attributes
-    ----------
-    camera_size : int
-        Side of the square that the camera sees, in cells; odd, at most 7.
-    shapes : (int, int)
-        Fewest and most random shapes that make the targets.
-    target_fraction : (float, float)
-        Smallest and largest part of all cells that the shapes cover, buildings not yet removed.
-    """
-
-    kind: Literal["coverage"]
-    camera_size: Literal[1, 3, 5, 7]
-    shapes: tuple[_Count, _Count]
-    target_fraction: tuple[_Fraction, _Fraction]
-
-    _ranges = field_validator("shapes", "target_fraction")(_ordered)
-
-    @property
-    def largest_target(self) -> float:
-        """The largest value of the target map."""
-        return 1.0
-
-    @property
-    def exact(self) -> bool:
-        """Whether transitions are the same to the last bit on every platform."""
-        return True
-
-    @property
-    def targets(self) -> str:
-        """What the targets are, in a few words."""
-        return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of the cells"
-
-
-class PathLoss(_Record):
-    """A pair of channel parameters: with line of sight (``los``) and without (``nlos``)."""
-
-    los: _Positive
-    nlos: _Positive
-
-
-class FadingVariance(_Record):
-    """The variance of the shadow fading, in dB²: with line of sight (``los``) and without (``nlos``)."""
-
-    los: Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
-    nlos: Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
-
-
-class Harvesting(_Record):
-    """The parameters of data harvesting (DH); channel after Bayerlein et al., GLOBECOM 2020.
-
-    Attributes
-    ----------
-    devices : (int, int)
-        Fewest and most devices.
-    data : (float, float)
-        Least and most data of a device at the start, in data units.
-    communication_steps : int
-        Communication steps per move.
-    cell_size, altitude : float
-        Side of a cell and flying altitude, in metres.
-    edge_snr : float
-        s, the cell-edge signal-to-noise ratio, in dB.
-    path_loss_exponent : PathLoss
-        α with and without line of sight.
-    fading_variance : FadingVariance
-        σ² with and without line of sight, in dB².
-    """
-
-    kind: Literal["harvesting"]
-    devices: tuple[_Devices, _Devices]
-    data: tuple[_Positive, _Positive]
-    communication_steps: Annotated[int, Field(ge=1, le=100, strict=True)]
-    cell_size: _Positive
-    altitude: _Positive
-    edge_snr: _Finite
-    path_loss_exponent: PathLoss
-    fading_variance: FadingVariance
-
-    _ranges = field_validator("devices", "data")(_ordered)
-
-    @property
-    def largest_target(self) -> float:
-        """The largest value of the target map."""
-        return self.data[1]
-
-    @property
-    def exact(self) -> bool:
-        """Whether transitions are the same to the last bit on every platform: logarithms differ in the last digits."""
-        return False
-
-    @property
-    def targets(self) -> str:
-        """What the targets are, in a few words."""
-        return f"{self.devices[0]}–{self.devices[1]} devices"
-
-
-class Split(_Record):
+class Split(Record):
     """A split of fixed size.
 
     Attributes
@@ -193,7 +40,7 @@ class Split(_Record):
         SHA-256 of that file.
     """
 
-    episodes: _Count
+    episodes: Count
     file: str | None = None
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
 
@@ -204,14 +51,14 @@ class Split(_Record):
         return self
 
 
-class Splits(_Record):
+class Splits(Record):
     """The splits of fixed size; ``train`` has 2⁶² episodes and needs no entry."""
 
     validation: Split = Split(episodes=200)
     test: Split = Split(episodes=1000)
 
 
-class Scenario(_Record):
+class Scenario(Record):
     """Everything fixed under one id.
 
     Attributes
@@ -235,7 +82,7 @@ class Scenario(_Record):
     id: Annotated[str, Field(pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
     title: str
     map: str
-    budget: tuple[_Count, _Count]
+    budget: tuple[Count, Count]
     rewards: Rewards
     observation: ObservationSizes
     mission: Annotated[Coverage | Harvesting, Field(discriminator="kind")]
@@ -243,7 +90,7 @@ class Scenario(_Record):
     rows: tuple[str, ...]
     path: Path
 
-    _ranges = field_validator("budget")(_ordered)
+    _ranges = field_validator("budget")(ordered)
 
     @field_validator("rows")
     @classmethod

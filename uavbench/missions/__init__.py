@@ -1,6 +1,6 @@
 """What a mission is: how its targets are drawn, and what a step covers or collects.
 
-A mission is one file here and its parameters in `uavbench.scenario`. It owns the target map of the state and whatever
+A mission is one file here and its parameters in `uavbench.parameters`. It owns the target map of the state and whatever
 arrays it needs besides; the simulator moves the UAVs and then asks it to `collect`.
 """
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from uavbench.city import City
 from uavbench.episode import Columns
-from uavbench.scenario import Coverage, Scenario
+from uavbench.parameters import Coverage
+from uavbench.scenario import Scenario
 from uavbench.state import State
 
 

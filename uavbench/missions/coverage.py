@@ -15,7 +15,8 @@ from uavbench.episode import Columns
 from uavbench.kernel import kernel
 from uavbench.keyed import CONTENT, stream
 from uavbench.missions.shapes import draw_shapes
-from uavbench.scenario import Coverage, Scenario, ScenarioError
+from uavbench.parameters import Coverage
+from uavbench.scenario import Scenario, ScenarioError
 from uavbench.state import State
 
 _ATTEMPTS = 10_000  # redraws of the shapes before the scenario is refused; the paper's need about 3

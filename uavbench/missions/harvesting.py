@@ -15,7 +15,8 @@ from uavbench.city import City, look
 from uavbench.episode import Columns
 from uavbench.kernel import kernel
 from uavbench.keyed import CONTENT, NOISE, next_integer, next_uniform, normal, stream
-from uavbench.scenario import Harvesting, Scenario
+from uavbench.parameters import Harvesting
+from uavbench.scenario import Scenario
 from uavbench.state import State
 
 _NEPERS_PER_DB = math.log(10.0) / 10.0
@@ -35,15 +36,12 @@ class Devices(NamedTuple):
         Data left, in data units.
     sight : ndarray of uint8, shape (B, K, ⌈MN/8⌉)
         The cells in line of sight of each device, as packed bits (lowest bit first).
-    served : ndarray of int32, shape (B, C)
-        The device served in each communication step of the last move; −1 for none.
     """
 
     number: NDArray[np.int32]
     cell: NDArray[np.int32]
     data: NDArray[np.float64]
     sight: NDArray[np.uint8]
-    served: NDArray[np.int32]
 
 
 class Sights(NamedTuple):
@@ -93,7 +91,6 @@ class HarvestingMission:
             cell=np.zeros((num_envs, most, 2), dtype=np.int32),
             data=np.zeros((num_envs, most), dtype=np.float64),
             sight=np.zeros((num_envs, most, self._sights.bits.shape[1]), dtype=np.uint8),
-            served=np.full((num_envs, parameters.communication_steps), -1, dtype=np.int32),
         )
 
     def sample(self, state: State, index: NDArray[np.int64]) -> None:
@@ -250,7 +247,6 @@ def _place(state: State, devices: Devices, index: NDArray[np.int64], building: N
         state.target[i] = 0.0
         state.row_targets[i] = 0
         state.total[i] = 0.0
-        devices.served[i] = -1
         for k in range(devices.number[i]):
             r, c = devices.cell[i, k]
             state.target[i, r, c] = devices.data[i, k]
@@ -289,7 +285,6 @@ def _collect(state: State, devices: Devices, channel: Channel, reward: float) ->
                     level += channel.fading[sight] * normal(noise, (k << 16) + j)
                 best = j if level > log_snr else best
                 log_snr = level if level > log_snr else log_snr
-            devices.served[i, k - 1] = best
             if best >= 0:
                 served = min(math.log2(1.0 + math.exp(log_snr)), devices.data[i, best])
                 devices.data[i, best] -= served

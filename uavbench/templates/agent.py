@@ -2,7 +2,7 @@
 
 Try it with:  uavbench check FILE  and then:  uavbench evaluate --agent FILE
 
-The whole contract: https://uavbench.readthedocs.io/agents (docs/agents.md in the repository).
+The whole contract is docs/agents.md in the repository of uavbench.
 """
 
 import numpy as np

@@ -1,0 +1,162 @@
+"""The parameters that a scenario is made of: rewards, observation sizes, and those of each mission.
+
+Light to import: reading a scenario must not wait for a compiler.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+
+class Record(BaseModel):
+    """A frozen record that refuses unknown keys."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def ordered(bounds: tuple[float, float]) -> tuple[float, float]:
+    """Refuse a range turned around."""
+    if bounds[0] > bounds[1]:
+        raise ValueError(f"the lower bound {bounds[0]} exceeds the upper bound {bounds[1]}: write [low, high]")
+    return bounds
+
+
+Count = Annotated[int, Field(ge=1, le=30_000, strict=True)]
+_Devices = Annotated[int, Field(ge=1, le=100, strict=True)]
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
+_Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
+_Fraction = Annotated[float, Field(ge=0, le=1, strict=True)]
+
+
+class Rewards(Record):
+    """The terms of the reward.
+
+    Attributes
+    ----------
+    movement : float
+        r_mov, paid by every action except a successful landing.
+    safety : float
+        r_sc, paid when the UAV stayed in place without hovering or landing successfully.
+    crash : float
+        r_crash, paid when the budget ends without a landing.
+    collect : float
+        r_c, per newly covered cell or per collected data unit.
+    """
+
+    movement: _Finite
+    safety: _Finite
+    crash: _Finite
+    collect: _Finite
+
+
+class ObservationSizes(Record):
+    """The sizes of the global-local observation (paper eqs. 5 to 15): ``local_size`` l and ``global_scale`` g."""
+
+    local_size: Annotated[int, Field(ge=0, strict=True)]
+    global_scale: Annotated[int, Field(ge=1, strict=True)]
+
+    @field_validator("local_size")
+    @classmethod
+    def _odd(cls, size: int) -> int:
+        if size and size % 2 == 0:
+            raise ValueError(f"{size} is even: the crop is centred on the UAV, so it must be odd (or 0 for none)")
+        return size
+
+
+class Coverage(Record):
+    """The parameters of coverage path planning (CPP).
+
+    Attributes
+    ----------
+    camera_size : int
+        Side of the square that the camera sees, in cells; odd, at most 7.
+    shapes : (int, int)
+        Fewest and most random shapes that make the targets.
+    target_fraction : (float, float)
+        Smallest and largest part of all cells that the shapes cover, buildings not yet removed.
+    """
+
+    kind: Literal["coverage"]
+    camera_size: Literal[1, 3, 5, 7]
+    shapes: tuple[Count, Count]
+    target_fraction: tuple[_Fraction, _Fraction]
+
+    _ranges = field_validator("shapes", "target_fraction")(ordered)
+
+    @property
+    def largest_target(self) -> float:
+        """The largest value of the target map."""
+        return 1.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether transitions are the same to the last bit on every platform."""
+        return True
+
+    @property
+    def targets(self) -> str:
+        """What the targets are, in a few words."""
+        return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of the cells"
+
+
+class PathLoss(Record):
+    """A pair of channel parameters: with line of sight (``los``) and without (``nlos``)."""
+
+    los: _Positive
+    nlos: _Positive
+
+
+class FadingVariance(Record):
+    """The variance of the shadow fading, in dB²: with line of sight (``los``) and without (``nlos``)."""
+
+    los: Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+    nlos: Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
+
+
+class Harvesting(Record):
+    """The parameters of data harvesting (DH); channel after Bayerlein et al., GLOBECOM 2020.
+
+    Attributes
+    ----------
+    devices : (int, int)
+        Fewest and most devices.
+    data : (float, float)
+        Least and most data of a device at the start, in data units.
+    communication_steps : int
+        Communication steps per move.
+    cell_size, altitude : float
+        Side of a cell and flying altitude, in metres.
+    edge_snr : float
+        s, the cell-edge signal-to-noise ratio, in dB.
+    path_loss_exponent : PathLoss
+        α with and without line of sight.
+    fading_variance : FadingVariance
+        σ² with and without line of sight, in dB².
+    """
+
+    kind: Literal["harvesting"]
+    devices: tuple[_Devices, _Devices]
+    data: tuple[_Positive, _Positive]
+    communication_steps: Annotated[int, Field(ge=1, le=100, strict=True)]
+    cell_size: _Positive
+    altitude: _Positive
+    edge_snr: _Finite
+    path_loss_exponent: PathLoss
+    fading_variance: FadingVariance
+
+    _ranges = field_validator("devices", "data")(ordered)
+
+    @property
+    def largest_target(self) -> float:
+        """The largest value of the target map."""
+        return self.data[1]
+
+    @property
+    def exact(self) -> bool:
+        """Whether transitions are the same to the last bit on every platform: logarithms differ in the last digits."""
+        return False
+
+    @property
+    def targets(self) -> str:
+        """What the targets are, in a few words."""
+        return f"{self.devices[0]}–{self.devices[1]} devices"
