@@ -27,7 +27,7 @@ def fly(name, episode):
     state = StateView(env.simulator, 0)
     while not terminated:
         observation, _, terminated, _, info = env.step(agent.act(observation, {**info, "state": state}))
-    steps = env.simulator.state.initial_budget[0] - env.simulator.state.budget[0]
+    steps = env.simulator.state.initial_budget[0, 0] - env.simulator.state.budget[0, 0]
     budget = env.simulator.state.initial_budget[0]
     return before, env.render(), f"{name}, test episode {episode}: {steps} of {budget} actions, CR {info['cr']:.2f}"
 

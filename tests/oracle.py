@@ -1,7 +1,7 @@
 """The rules of the world, written literally and slowly, to compare the simulator with.
 
 Independent of the package: only a scenario's parameters and map come from it. Paper: Theile et al., ICAR 2021, eqs. (1),
-(2) and (5) to (15); the rest from the design's section 3.
+(2) and (5) to (15); the rest from the design's section 3. A team is a list of oracles that share targets: `team`.
 """
 
 import math
@@ -56,15 +56,27 @@ def stream(key, purpose):
     return mix((mix((key + GOLDEN) & MASK) + purpose * GOLDEN) & MASK)
 
 
-def noise(key, step, communication_step, device):
+def noise(key, step, communication_step, device, uav=0):
     """A standard normal number, keyed."""
     start = stream(stream(key, 3), step)
-    bits = mix((start + ((communication_step << 16) + device) * GOLDEN) & MASK)
+    bits = mix((start + ((uav << 32) + (communication_step << 16) + device) * GOLDEN) & MASK)
     return NormalDist().inv_cdf(((bits >> 11) + 0.5) / 2**53)
 
 
+def team(scenario, starts, budgets, targets, key=0, noisy=True):
+    """The UAVs of a team, in the order in which they move; step them so."""
+    uavs = [Oracle(scenario, start, budget, targets, key, noisy) for start, budget in zip(starts, budgets, strict=True)]
+    for number, uav in enumerate(uavs):
+        uav.number, uav.team = number, uavs
+        if scenario.mission.kind == "coverage":
+            uav.D = uavs[0].D
+        else:
+            uav.devices = uavs[0].devices
+    return uavs
+
+
 class Oracle:
-    """One episode. ``targets`` is a mask (CPP) or a list of [row, column, data] (DH)."""
+    """One UAV's episode. ``targets`` is a mask (CPP) or a list of [row, column, data] (DH)."""
 
     def __init__(self, scenario, start, budget, targets, key=0, noisy=True):
         cells = np.array([list(row) for row in scenario.rows])
@@ -76,6 +88,7 @@ class Oracle:
         self.key, self.noisy = int(key), noisy
         self.landed = self.done = False
         self.blocked = 0
+        self.number, self.team = 0, [self]
         if self.mission.kind == "coverage":
             self.D = np.array(targets, dtype=float)
         else:
@@ -104,7 +117,8 @@ class Oracle:
         lands = action == LAND and bool(self.landing[self.p])
         if action in MOVES:  # eq. (1), with the safety controller
             y, x = self.p[0] + MOVES[action][0], self.p[1] + MOVES[action][1]
-            if not (0 <= y < self.rows and 0 <= x < self.cols) or self.no_fly[y, x]:
+            held = any(other.p == (y, x) and not other.done for other in self.team)
+            if not (0 <= y < self.rows and 0 <= x < self.cols) or self.no_fly[y, x] or held:
                 self.blocked += 1
             else:
                 self.p = (y, x)
@@ -154,7 +168,7 @@ class Oracle:
                 los = self.sight[j][round(place[0]), round(place[1])]
                 alpha = m.path_loss_exponent.los if los else m.path_loss_exponent.nlos
                 variance = m.fading_variance.los if los else m.fading_variance.nlos
-                eta = math.sqrt(variance) * noise(self.key, self.t, k, j) if self.noisy else 0.0
+                eta = math.sqrt(variance) * noise(self.key, self.t, k, j, self.number) if self.noisy else 0.0
                 rates.append(math.log2(1 + gamma * d**-alpha * 10 ** (eta / 10)))
             best = int(np.argmax(rates))
             if rates[best] < 0:
@@ -166,19 +180,26 @@ class Oracle:
         return gain
 
     def mask(self):
-        """Which actions have their effect."""
+        """Which actions have their effect; those into a cell of a UAV that moves before may."""
         mask = [1] * 6
+        later = [other.p for other in self.team[self.number + 1 :] if not other.done]
         for action, (down, right) in MOVES.items():
             y, x = self.p[0] + down, self.p[1] + right
-            mask[action] = int(0 <= y < self.rows and 0 <= x < self.cols and not self.no_fly[y, x])
+            mask[action] = int(0 <= y < self.rows and 0 <= x < self.cols and not self.no_fly[y, x] and (y, x) not in later)
         mask[LAND] = int(self.landing[self.p])
         return mask
 
     def centred(self):
-        """The centred map, padded with [0, 1, 1, 0]: eqs. (5) to (8)."""
+        """The centred map, padded with [0, 1, 1, 0]: eqs. (5) to (8); in teams two more layers, padded with 0."""
         layers = [self.landing, self.no_fly, self.building, self.target_map()]
-        C = np.zeros((4, 2 * self.rows - 1, 2 * self.cols - 1))
-        for k, (layer, pad) in enumerate(zip(layers, (0, 1, 1, 0), strict=True)):
+        if self.scenario.uavs is not None:
+            there, budgets = np.zeros((2, self.rows, self.cols))
+            for other in self.team:
+                if other is not self and not other.done:
+                    there[other.p], budgets[other.p] = 1, other.b
+            layers += [there, budgets]
+        C = np.zeros((len(layers), 2 * self.rows - 1, 2 * self.cols - 1))
+        for k, (layer, pad) in enumerate(zip(layers, (0, 1, 1, 0, 0, 0)[: len(layers)], strict=True)):
             for i in range(2 * self.rows - 1):
                 for j in range(2 * self.cols - 1):
                     y, x = i + self.p[0] - (self.rows - 1), j + self.p[1] - (self.cols - 1)
@@ -190,11 +211,11 @@ class Oracle:
         C = self.centred()
         top, left = self.rows - 1 - local_size // 2, self.cols - 1 - local_size // 2
         high, wide = C.shape[1] // scale, C.shape[2] // scale
-        Y = np.zeros((4, high, wide))
+        Y = np.zeros((len(C), high, wide))
         for i in range(high):
             for j in range(wide):
                 block = C[:, i * scale : (i + 1) * scale, j * scale : (j + 1) * scale]
-                Y[:, i, j] = block.reshape(4, -1).sum(axis=1) / scale**2
+                Y[:, i, j] = block.reshape(len(C), -1).sum(axis=1) / scale**2
         return {
             "local": C[:, top : top + local_size, left : left + local_size],
             "global": Y,

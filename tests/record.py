@@ -35,19 +35,20 @@ def digest(name):
         sha.update(np.ascontiguousarray(values).tobytes())
 
     simulator = Simulator(scenario, EPISODES)
-    observer = Observer(simulator.city, scenario.observation)
-    index = np.arange(EPISODES)
+    observer = Observer(scenario)
+    index, uavs = np.arange(EPISODES), np.arange(EPISODES * scenario.most_uavs)
+    shape = (EPISODES, scenario.most_uavs) if scenario.team else EPISODES
     simulator.reset(index, "test", index)
     step = 0
     while True:
-        observation = observer.empty(EPISODES)
-        observer.write(simulator.state, index, observation)
+        observation = observer.empty(len(uavs))
+        observer.write(simulator.state, uavs, observation)
         for part in ("local", "global", "budget"):
             add(observation[part])
         add(simulator.action_mask())
         if simulator.state.done.all():
             break
-        simulator.step(actions(step, EPISODES))
+        simulator.step(actions(step, len(uavs)).reshape(shape))
         step += 1
         for part in (simulator.state.reward, simulator.state.done, *simulator.outcomes(index).values()):
             add(part)

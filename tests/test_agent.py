@@ -20,9 +20,9 @@ def test_a_built_in_is_its_file(name):
 
 def test_a_class_can_be_named():
     source = find_agent(f"{AGENTS}:Many")
-    assert (source.name, source.track, source.batched) == ("agents.Many", "observation", True)
+    assert (source.name, source.track, source.calls) == ("agents.Many", "observation", ("act", "act_batch"))
     assert find_agent(f"{AGENTS}:Seer").track == "state"
-    assert not find_agent(f"{AGENTS}:One").batched
+    assert find_agent(f"{AGENTS}:One").calls == ("act",)
     assert type(source.make(load_scenario("Block8-CPP-v0"))).__name__ == "Many"
 
 

@@ -91,7 +91,7 @@ def size_of_tables(rows, mission="Urban50-DH-v0"):
     world = scenario(rows, shipped.mission.model_dump(), observation={"local_size": 17, "global_scale": 5})
     city = city_of(world)
     arrays = [array for array in vars(city).values() if isinstance(array, np.ndarray)]
-    arrays += list(Observer(city, world.observation)._tables)
+    arrays += list(Observer(world)._tables)
     simulator = Simulator(world, 1)
     if isinstance(simulator.mission, HarvestingMission):
         arrays += list(simulator.mission._sights)

@@ -20,12 +20,16 @@ SCENARIOS = {
     "Block8-CPP-v0": "43c301d74b011aec2cded9f226f0b5cfa92ba0ef5cc3b59dd37ddb892b0011b0",
     "Block8-DH-v0": "767f5aa4ad9e748439b66b0420142d6097125b7941a5a5e3a73b93cb1add9a00",
     "Manhattan32-CPP-Long-v0": "88f9f80731d63673c82423fd52a9ed375602ec1add3f5a7e7050575f55a741d2",
+    "Manhattan32-CPP-Team-v0": "1669474bfe99a073746b0dff03980b53afad7865f12f77b7511326b2564cbeaf",
     "Manhattan32-CPP-v0": "73d313b96251bb3b3c44f438d3124d6304cdba363cbe98673d5a26b1efc51867",
     "Manhattan32-DH-Long-v0": "9516876c07189f2a5d0e88d91b534bbf73e6feda9585f08fe75183ec11459860",
+    "Manhattan32-DH-Team-v0": "d44a8bd763a69fae1e5c8cb619821edd89c0cb466ba823527594c814a18d5fa1",
     "Manhattan32-DH-v0": "bbf0437e869b3c5ec986cc19245ebd85a6254be0455a2e9a1848f4d022d090bc",
     "Urban50-CPP-Long-v0": "f3ddc486817c3bbd8c95d4b998a39c10463d26aaba1d7300f7a127d162d4ab08",
+    "Urban50-CPP-Team-v0": "74025341b50993a0754749bc38664f7de48b14bcd9f9821cc146eeff5e05ac78",
     "Urban50-CPP-v0": "d049bb7171be37cd8b22d8398e7102f44c1c91bde06ce71b636d278cf49dab6d",
     "Urban50-DH-Long-v0": "99049c5ba1fb06afff7f20f713f38e716f94b594940b9265372ca8b6e89c0cbe",
+    "Urban50-DH-Team-v0": "2969a277d6fde457821b4d417ffb922713d44b3c24a2e75b340d03cbf9c9e7c3",
     "Urban50-DH-v0": "f4f3c41d9595a6962c11777b9c5f5b3e2bce0eccc49902c4f39fc2a40481b38a",
 }
 
@@ -33,12 +37,16 @@ TRANSITIONS = {
     "Block8-CPP-v0": "77815db79e3e671c8c08a2446ca5b3b9988ff9a4afdbdb7bfadb199a83a64512",
     "Block8-DH-v0": "ea0d39b155cdef01a913f74ca4ba8792f59d8b5f02d33bdd058326b8c6f3f392",
     "Manhattan32-CPP-Long-v0": "4ea1fa3447ec4c5451f82f6caafe9e31384c912b585f3fc1113604f379ec0609",
+    "Manhattan32-CPP-Team-v0": "b6c3106fb60352ec6970f8691f277430df8164bc10f67456e5d7affe7e785a24",
     "Manhattan32-CPP-v0": "f14cd1f03c839a74e20d9984d8b134806bd49fc35b209a955842e6f2d3b90504",
     "Manhattan32-DH-Long-v0": "8ce640e5a7c533407ce5228e1869d7a7454c32e1daa497d91215d2561b946714",
+    "Manhattan32-DH-Team-v0": "c7393aa74cfe944dea642a239f5fb68a378c8292a9c7a34c2349f0e5221fa040",
     "Manhattan32-DH-v0": "09017267f16375cda19ef25f01e3a82c28e614de809e3f6ee151817ef3406bd9",
     "Urban50-CPP-Long-v0": "f1f921d2151955f73a2e647759b3faff204ef362c9d2a03a3b0a868fc9715db5",
+    "Urban50-CPP-Team-v0": "bac53feb3706106333374ad1f2c91fef67a0288e3bb4bf3ff6bca723ededbd3b",
     "Urban50-CPP-v0": "4c16aa5cfeabd959610af7420332e4e21da5250c275a5e4dbaecb9f51fd8decd",
     "Urban50-DH-Long-v0": "9dc13d6b2d99b7452354dd87c3691ac4e3fd0eec649496fa927430d870ad40db",
+    "Urban50-DH-Team-v0": "d922974cea5670c02574164a252050a0765c69fc65da70e06043bcf086d80859",
     "Urban50-DH-v0": "0f0f4af6a326f0031448af2adaccc2e2aa1887ca04137d4597fe45c66fc30126",
 }
 
@@ -91,7 +99,10 @@ def test_the_frozen_episodes_keep_the_rules(name):
     low, high = scenario.budget
     assert columns["budget"].min() == low
     assert columns["budget"].max() == high
-    assert (rows[columns["start"][:, 0], columns["start"][:, 1]] == "L").all()
+    start = columns["start"].reshape(1000, -1, 2)
+    assert start.shape[1] == scenario.most_uavs
+    assert (rows[start[..., 0], start[..., 1]] == "L").all()
+    assert all(len({tuple(cell) for cell in cells}) == len(cells) for cells in start.tolist())
     if scenario.mission.kind == "coverage":
         targets = np.unpackbits(columns["targets"], axis=1, count=rows.size).astype(bool)
         assert not targets[:, (rows == "#").ravel()].any()

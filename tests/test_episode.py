@@ -33,8 +33,8 @@ def test_starts_and_budgets_are_uniform():
     simulator = Simulator(load_scenario("Manhattan32-DH-v0"), 9000)
     simulator.reset(np.arange(9000), "train", np.arange(9000))
     state = simulator.state
-    cells = np.unique(state.position, axis=0, return_counts=True)[1]
-    budgets = np.bincount(state.budget - 50, minlength=101)
+    cells = np.unique(state.position[:, 0], axis=0, return_counts=True)[1]
+    budgets = np.bincount(state.budget[:, 0] - 50, minlength=101)
     counts = np.bincount(simulator.mission.devices.number - 3, minlength=8)
     for found in (cells, budgets, counts):
         assert stats.chisquare(found).pvalue > 0.001
@@ -49,7 +49,7 @@ def test_an_episode_does_not_depend_on_its_slot_or_company():
     for slot, number in ((8, 4), (2, 5), (0, 100)):
         one.reset([0], "train", [number])
         assert np.array_equal(one.state.target[0], many.state.target[slot])
-        assert one.state.budget[0] == many.state.budget[slot]
+        assert one.state.budget[0, 0] == many.state.budget[slot, 0]
         assert many.episode(slot) == ("train", number)
 
 

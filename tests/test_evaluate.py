@@ -53,8 +53,8 @@ def test_a_record_tells_what_happened():
         total = 0.0
         for action in record.actions:
             assert not simulator.state.done[0]
-            simulator.step([action])
-            total += simulator.state.reward[0]
+            simulator.step(action)
+            total += simulator.state.reward[0, 0]
         assert simulator.state.done[0]
         outcome = simulator.outcomes([0])
         assert (record.landed, record.cr, record.cral, record.blocked) == tuple(v[0] for v in outcome.values())

@@ -22,14 +22,15 @@ def test_has_the_papers_shapes_and_the_oracles_values(name, local_size, scale, s
     scenario = load_scenario(name).with_observation(local_size, scale)
     simulator = Simulator(scenario, 4)
     simulator.reset(np.arange(4), "test", np.arange(4))
-    observer = Observer(simulator.city, scenario.observation)
+    observer = Observer(scenario)
     assert (observer.local_shape, observer.global_shape) == shapes
     free = np.argwhere(~simulator.city.no_fly)
-    simulator.state.position[:] = free[[0, 100, 300, -1]]  # corners and the middle
+    simulator.state.position[:, 0] = free[[0, 100, 300, -1]]  # corners and the middle
     batch = observer.empty(4)
     observer.write(simulator.state, np.arange(4), batch)
     for i in range(4):
-        oracle = Oracle(scenario, simulator.state.position[i].tolist(), simulator.state.budget[i], simulator.state.target[i])
+        state = simulator.state
+        oracle = Oracle(scenario, state.position[i, 0].tolist(), state.budget[i, 0], state.target[i])
         expected = oracle.observation(local_size, scale)
         for part, values in batch.items():
             assert np.array_equal(values[i], expected[part].astype(np.float32))
@@ -39,7 +40,7 @@ def test_writes_only_the_slots_it_is_asked_for():
     scenario = load_scenario("Block8-DH-v0")
     simulator = Simulator(scenario, 3)
     simulator.reset([0, 1, 2], "test", [0, 1, 2])
-    observer = Observer(simulator.city, scenario.observation)
+    observer = Observer(scenario)
     batch = observer.empty(3)
     for values in batch.values():
         values.fill(-1)

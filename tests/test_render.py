@@ -16,12 +16,12 @@ def simulator():
 
 
 def test_text_shows_uav_path_and_targets(simulator):
-    r, c = simulator.state.position[1].tolist()
-    head, *rows = text(simulator, 1, [(r, c)]).splitlines()
+    r, c = simulator.state.position[1, 0].tolist()
+    head, *rows = text(simulator, 1, [[(r, c)]]).splitlines()
     assert rows[r][c] == "@"
     shown = np.array([[cell in "+@" for cell in row] for row in rows])
     assert (simulator.state.target[1] > 0)[~shown].sum() == 0
-    assert f"budget {simulator.state.budget[1]}" in head
+    assert f"budget {simulator.state.budget[1, 0]}" in head
 
 
 def test_a_frame_shows_what_changes(simulator):
@@ -31,8 +31,8 @@ def test_a_frame_shows_what_changes(simulator):
     covered = frame(simulator, 0, [])
     r, c = np.argwhere(simulator.city.building)[0] * 64 + 5
     assert (before[r, c] == covered[r, c]).all()
-    simulator.state.position[0] = (0, 2)
-    assert (frame(simulator, 0, [(0, 0), (0, 2)]) != covered).any()
+    simulator.state.position[0, 0] = (0, 2)
+    assert (frame(simulator, 0, [[(0, 0), (0, 2)]]) != covered).any()
 
 
 def test_frames_need_not_be_square():

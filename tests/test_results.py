@@ -92,7 +92,7 @@ def test_replay_finds_a_number_that_is_none(result):
     path = result.folder / "episodes.csv"
     lines = path.read_text().splitlines()
     cells = lines[5].split(",")
-    lines[5] = ",".join([*cells[:4], "nan", *cells[5:]])
+    lines[5] = ",".join([*cells[:5], "nan", *cells[6:]])
     path.write_text("\n".join(lines) + "\n")
     assert any("episode 4: cr" in line for line in replay(load_result(result.folder)))
 
@@ -110,10 +110,10 @@ def test_replay_finds_changed_dropped_or_added_actions(result):
         columns = dict(table)
     first = columns["offsets"][1]
     for change in (
-        {"actions": np.r_[(columns["actions"][0] + 1) % 4, columns["actions"][1:]].astype(np.uint8)},
+        {"actions": np.r_[(columns["actions"][:1] + 1) % 4, columns["actions"][1:]].astype(np.uint8)},
         {"actions": columns["actions"][1:], "offsets": np.r_[0, columns["offsets"][1:] - 1]},
         {
-            "actions": np.r_[columns["actions"][:first], 4, columns["actions"][first:]].astype(np.uint8),
+            "actions": np.r_[columns["actions"][:first], [[4]], columns["actions"][first:]].astype(np.uint8),
             "offsets": np.r_[0, columns["offsets"][1:] + 1],
         },
         {"episodes": np.r_[columns["episodes"][:-1], 999]},
@@ -341,7 +341,7 @@ def test_a_users_own_scenario_is_replayed_from_its_file(tmp_path):
 
 def test_plans_all_scenarios_and_refuses_what_is_not_there():
     source = find_agent("greedy")
-    assert len(jobs(source, ["all", "Block8-CPP-v0"], "test", None, None)) == 10
+    assert len(jobs(source, ["all", "Block8-CPP-v0"], "test", None, None)) == 14
     assert jobs(source, ["Block8-CPP-v0"], "validation", None, None)[0][1] == 200
     assert jobs(source, ["Block8-CPP-v0"], "train", None, None)[0][1] == 1000
     with pytest.raises(ResultError, match="--split"):

@@ -29,7 +29,7 @@ def check_step(env, oracle, action, exact):
     observation, reward, terminated, truncated, info = env.step(action)
     expected = oracle.step(action)
     state = env.simulator.state
-    assert tuple(state.position[0]) == oracle.p
+    assert tuple(state.position[0, 0]) == oracle.p
     assert state.budget[0] == oracle.b
     assert (terminated, truncated) == (oracle.done, False)
     assert info["action_mask"].tolist() == oracle.mask()
@@ -117,7 +117,7 @@ def test_shipped_scenarios_agree_with_the_oracle(name):
             if coverage
             else [[*c, d] for c, d in zip(view["device_cell"].tolist(), view["device_data"].tolist(), strict=True)]
         )
-        oracle = Oracle(env.scenario, state.position[0].tolist(), state.budget[0], targets, state.key[0])
+        oracle = Oracle(env.scenario, state.position[0, 0].tolist(), state.budget[0, 0], targets, state.key[0])
         check_observation(env, oracle, observation, coverage)
         while not oracle.done:
             check_step(env, oracle, int(generator.integers(0, 5)), coverage)
@@ -127,7 +127,7 @@ def test_a_move_into_the_edge_a_no_fly_zone_or_a_building_is_blocked():
     env = start(start=[1, 2])
     for action in (EAST, SOUTH):  # to (1, 3), above the no-fly zone at (2, 3)
         env.step(action)
-    assert env.simulator.state.position[0].tolist() == [1, 3]
+    assert env.simulator.state.position[0, 0].tolist() == [1, 3]
     assert env.simulator.state.blocked[0] == 1
     env.step(EAST)
     assert env.simulator.state.blocked[0] == 2

@@ -37,13 +37,13 @@ def scenario(rows, mission=COVERAGE, **changes):
 
 
 @st.composite
-def maps(draw, smallest=4, largest=9):
-    """Draw a map of any shape with a landing zone of one to three cells in a row."""
+def maps(draw, smallest=4, largest=9, landing=(1, 3)):
+    """Draw a map of any shape with a landing zone of some cells in a row, at least the fewest of ``landing``."""
     rows, cols = draw(st.integers(smallest, largest)), draw(st.integers(smallest, largest))
     cells = draw(st.lists(st.sampled_from("....N##"), min_size=rows * cols, max_size=rows * cols))
     grid = np.array(cells).reshape(rows, cols)
-    r, c = draw(st.integers(0, rows - 1)), draw(st.integers(0, cols - 1))
-    grid[r, c : c + draw(st.integers(1, 3))] = "L"
+    r, c = draw(st.integers(0, rows - 1)), draw(st.integers(0, cols - landing[0]))
+    grid[r, c : c + draw(st.integers(*landing))] = "L"
     grid[r + 1 if r + 1 < rows else r - 1] = "."  # somewhere to fly and to put devices
     return tuple("".join(row) for row in grid.tolist())
 
@@ -52,6 +52,12 @@ def draw_start(data, rows):
     """Draw a landing cell."""
     cells = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == "L"]
     return data.draw(st.sampled_from(cells))
+
+
+def draw_starts(data, rows, number):
+    """Draw landing cells, no two alike."""
+    cells = [[r, c] for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == "L"]
+    return data.draw(st.permutations(cells))[:number]
 
 
 def draw_targets(data, rows):

@@ -18,6 +18,8 @@ from uavbench.scenario import Scenario
 
 Track = Literal["observation", "state"]
 TRACKS: tuple[Track, ...] = ("observation", "state")
+Call = Literal["act", "act_batch", "act_team"]
+CALLS: tuple[Call, ...] = ("act", "act_batch", "act_team")
 
 
 class AgentLoadError(ValueError):
@@ -55,9 +57,14 @@ class AgentSource:
         return getattr(self.load(), "track", "observation")
 
     @property
-    def batched(self) -> bool:
-        """Whether the agent decides for many episodes at once."""
-        return callable(getattr(self.load(), "act_batch", None))
+    def calls(self) -> tuple[Call, ...]:
+        """By which methods the agent decides."""
+        return tuple(name for name in CALLS if callable(getattr(self.load(), name, None)))
+
+    def call(self, scenario: Scenario) -> Call:
+        """Return the method that decides on ``scenario``: for a team ``act_team``, for many at once, or one by one."""
+        team_first = ("act_team", "act_batch", "act") if scenario.team else ("act_batch", "act", "act_team")
+        return next(name for name in team_first if name in self.calls)
 
     def load(self) -> Any:
         """Return the agent's class.
@@ -73,14 +80,19 @@ class AgentSource:
             raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
         if not inspect.isclass(found):
             raise AgentLoadError(f"{self.path}: has no class {self.class_name}; name yours as {self.path}:YourClass")
-        if not (callable(getattr(found, "act", None)) or callable(getattr(found, "act_batch", None))):
+        if not any(callable(getattr(found, name, None)) for name in CALLS):
             raise AgentLoadError(
                 f"{self.path}: {self.class_name} has neither act(self, observation, info) nor "
-                "act_batch(self, observations, infos)"
+                "act_batch(self, observations, infos) nor act_team(self, observations, infos)"
             )
         track = getattr(found, "track", "observation")
         if track not in TRACKS:
             raise AgentLoadError(f"{self.path}: {self.class_name}.track is {track!r}; use 'observation' or 'state'")
+        if callable(getattr(found, "act_team", None)) and track != "state":
+            raise AgentLoadError(
+                f"{self.path}: {self.class_name}.act_team decides by all that the team sees: set track = 'state', or "
+                "decide with act, which is asked UAV by UAV"
+            )
         return found
 
     def make(self, scenario: Scenario) -> Any:

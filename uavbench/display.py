@@ -21,11 +21,12 @@ _STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
 def scenario_table(scenarios: Iterable[Scenario]) -> Table:
     """Return the table of `uavbench list`."""
     table = Table(box=None, header_style="bold")
-    for column in ("id", "map", "mission", "budget", "targets"):
+    for column in ("id", "map", "mission", "UAVs", "budget", "targets"):
         table.add_column(column, no_wrap=True)
     for scenario in scenarios:
         shape, budget = "{}×{}".format(*scenario.shape), "{}–{}".format(*scenario.budget)
-        table.add_row(scenario.id, shape, scenario.mission.kind, budget, scenario.mission.targets)
+        uavs = "{}–{}".format(*scenario.uavs) if scenario.uavs else "1"
+        table.add_row(scenario.id, shape, scenario.mission.kind, uavs, budget, scenario.mission.targets)
     return table
 
 

@@ -1,7 +1,8 @@
 """Flying episodes with an agent: agent × scenario × split → records.
 
 The records do not depend on the batch size, the number of workers, or whether the agent decides one by one (``act``) or
-for many episodes at once (``act_batch``): noise and episodes are keyed, and so is the seed that an agent is given.
+for many episodes at once (``act_batch``): noise and episodes are keyed, and so is the seed that an agent is given. The UAVs
+of a team decide at once, by what they see before the step, whether they are asked one by one or together (``act_team``).
 """
 
 import contextlib
@@ -21,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.agent import AgentSource
-from uavbench.city import NUM_ACTIONS
+from uavbench.alarm import TimeUpError, alarm, set_alarm
+from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.keyed import AGENT, stream
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
@@ -29,6 +31,8 @@ from uavbench.simulator import Simulator
 from uavbench.state_view import StateView
 
 DEFAULT_BATCH = 250
+#: In records, in place of an action: the UAV flies no more, or the episode has fewer.
+NO_ACTION = NUM_ACTIONS
 
 
 @dataclass(frozen=True)
@@ -39,22 +43,26 @@ class EpisodeRecord:
     ----------
     episode : int
         Its number in the split.
+    uavs : int
+        How many UAVs flew.
     budget, steps : int
-        Movement budget at the start, and actions taken.
+        Movement budget at the start, and actions taken, of all UAVs together.
     landed : bool
+        Whether every UAV landed.
     cr, cral : float
         In [0, 1].
     blocked : int
-        How often the safety controller kept the UAV in place.
+        How often the safety controller kept a UAV in place.
     total_reward : float
         The sum of the rewards.
-    actions : ndarray of uint8, shape (steps,)
-        The actions.
+    actions : ndarray of uint8, shape (T, U)
+        The actions of T steps, U the scenario's most UAVs; 6 where a UAV is not there or flies no more.
     seconds : float
         Time that the agent took to decide.
     """
 
     episode: int
+    uavs: int
     budget: int
     steps: int
     landed: bool
@@ -68,10 +76,6 @@ class EpisodeRecord:
 
 class AgentError(Exception):
     """An agent failed; the message says in which episode, at which step and why, with its traceback."""
-
-
-class DecisionTimeoutError(BaseException):
-    """A decision took too long; no ``Exception``, so that an agent's ``except Exception`` does not swallow it."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,7 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[Ep
     if workers == 1:
         yield from _fly(job, numbers)
         return
-    size = job.batch_size if job.source.batched else 10
+    size = job.batch_size if job.source.call(job.scenario) == "act_batch" else 10
     size = max(1, min(size, -(-len(numbers) // workers)))
     chunks = [numbers[k : k + size] for k in range(0, len(numbers), size)]
     parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
@@ -174,113 +178,120 @@ def _fly_chunk(job: Job, numbers: Sequence[int], stop: Path) -> tuple[list[Episo
 
 def _fly(job: Job, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
     """Fly episodes in this process."""
-    with _alarm():
+    with alarm():
         agent = _guard(job, "__init__()", None, lambda: job.source.make(job.scenario))
         flight = _Flight(job, agent)
-        size = job.batch_size if flight.batched else 1
+        size = job.batch_size if flight.call == "act_batch" else 1
         for k in range(0, len(numbers), size):
             yield from flight.fly(numbers[k : k + size])
 
 
 class _Flight:
-    """An agent, a simulator, and what passes between them."""
+    """An agent, a simulator, and what passes between them. UAV u of slot i is number i · U + u of ``running``."""
 
     def __init__(self, job: Job, agent: Any) -> None:
         self._job = job
         self._agent = agent
         self._state_track = job.source.track == "state"
-        self.batched = job.source.batched
+        self.call = job.source.call(job.scenario)
 
     def fly(self, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
         """Fly ``numbers`` side by side, yielding each as it ends."""
-        job, count = self._job, len(numbers)
+        job, count, most = self._job, len(numbers), self._job.scenario.most_uavs
         simulator = self._simulator(count)
         state = simulator.state
         simulator.reset(np.arange(count), job.split, numbers)
-        fixed = [self._fixed_info(simulator, i, number) for i, number in enumerate(numbers)]
-        actions = np.zeros((count, int(state.budget.max())), dtype=np.uint8)
+        fixed = [self._fixed_info(simulator, i, u, number) for i, number in enumerate(numbers) for u in range(most)]
+        actions = np.full((count, int(state.budget.max()), most), NO_ACTION, dtype=np.uint8)
         seconds, rewards = np.zeros(count), np.zeros(count)
-        running, step = np.arange(count), 0
+        running, step = np.flatnonzero(~state.done), 0
         infos = self._infos(simulator, running, fixed)
         if callable(getattr(self._agent, "reset", None)):
             for info in infos:
-                _guard(job, "reset()", ([info["episode"]], 0), lambda info=info: self._agent.reset(info))
+                if info["uav"] == 0:
+                    _guard(job, "reset()", ([info], 0), lambda info=info: self._agent.reset(info))
         while len(running):
             observations = self._observe(simulator, running)
+            slots, uavs = np.divmod(running, most)
             started = time.perf_counter()
             chosen = self._decide(observations, infos, step)
-            seconds[running] += (time.perf_counter() - started) / len(running)
-            all_actions = np.zeros(count, dtype=np.int64)
-            all_actions[running] = actions[running, step] = chosen
-            simulator.step(all_actions)
-            rewards[running] += state.reward[running]
+            seconds += np.bincount(slots, minlength=count) * ((time.perf_counter() - started) / len(running))
+            all_actions = np.full((count, most), HOVER)
+            all_actions[slots, uavs] = actions[slots, step, uavs] = chosen
+            simulator.step(all_actions if job.scenario.team else all_actions[:, 0])
+            for u in range(most):
+                rewards += state.reward[:, u]
             step += 1
-            ended = running[state.done[running]]
-            outcomes = _rows(simulator.outcomes(ended)) if len(ended) else ()
-            over: list[int] = ended.tolist()
+            over: list[int] = np.unique(slots[state.done[slots].all(axis=1)]).tolist()
+            outcomes = _rows(simulator.outcomes(over)) if over else ()
             for i, outcome in zip(over, outcomes, strict=True):
+                there = int(state.uavs[i])
                 yield EpisodeRecord(
                     episode=int(numbers[i]),
-                    budget=int(state.initial_budget[i]),
-                    steps=step,
+                    uavs=there,
+                    budget=int(state.initial_budget[i, :there].sum()),
+                    steps=int((actions[i, :step] != NO_ACTION).sum()),
                     total_reward=float(rewards[i]),
                     actions=actions[i, :step].copy(),
                     seconds=float(seconds[i]),
                     **outcome,
                 )
-            if len(ended):
-                running = running[~state.done[running]]
+            running = running[~state.done.reshape(-1)[running]]
             infos = self._infos(simulator, running, fixed)
 
     def _simulator(self, count: int) -> Simulator:
         """Return a simulator for ``count`` episodes, the last one if it fits."""
         if getattr(self, "_last", None) is None or self._last.num_envs != count:
             self._last = Simulator(self._job.scenario, count)
-            self._observer = Observer(self._last.city, self._job.scenario.observation)
+            self._observer = Observer(self._job.scenario)
         return self._last
 
-    def _fixed_info(self, simulator: Simulator, i: int, number: int) -> dict[str, Any]:
-        """Return what an agent is told of an episode at every step."""
+    def _fixed_info(self, simulator: Simulator, i: int, uav: int, number: int) -> dict[str, Any]:
+        """Return what an agent is told of an episode and a UAV at every step."""
         seed = int(stream(simulator.state.key[i], AGENT)) >> 1
-        info: dict[str, Any] = {"split": self._job.split, "episode": int(number), "seed": seed}
+        info: dict[str, Any] = {"split": self._job.split, "episode": int(number), "seed": seed, "uav": uav}
         if self._state_track:
-            info["state"] = StateView(simulator, i)
+            info["state"] = StateView(simulator, i, uav)
         return info
 
     @staticmethod
     def _infos(simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        """Return fresh information for the running episodes."""
-        position = simulator.state.position[running]
-        masks = simulator.city.action_mask[position[:, 0], position[:, 1]]
+        """Return fresh information for the UAVs that fly."""
+        masks = simulator.action_mask().reshape(-1, NUM_ACTIONS)[running]
         return [{**fixed[i], "action_mask": mask} for i, mask in zip(running.tolist(), masks, strict=True)]
 
     def _observe(self, simulator: Simulator, running: NDArray[np.int64]) -> Observation:
-        """Return the observations of the running episodes, batch first."""
-        batch = self._observer.empty(simulator.num_envs)
+        """Return the observations of the UAVs that fly, batch first."""
+        whole = simulator.num_envs * self._job.scenario.most_uavs
+        batch = self._observer.empty(whole)
         self._observer.write(simulator.state, running, batch)
-        if len(running) == simulator.num_envs:
+        if len(running) == whole:
             return batch
         return {name: values[running] for name, values in batch.items()}
 
     def _decide(self, observations: Observation, infos: list[dict[str, Any]], step: int) -> NDArray[np.int64]:
         """Ask the agent, and refuse what is not an action."""
-        job, agent = self._job, self._agent
-        if self.batched:
-            where = ([info["episode"] for info in infos], step)
-            answer = _guard(job, "act_batch()", where, lambda: agent.act_batch(observations, infos))
-            chosen = _array(job, answer, "act_batch()", where)
-            if chosen.shape != (len(infos),):
-                raise _complaint(job, where, f"act_batch() returned shape {chosen.shape}, expected ({len(infos)},)")
-            return np.array(
-                [_action(job, a, "act_batch()", ([i["episode"]], step)) for a, i in zip(chosen, infos, strict=True)]
-            )
-        observation, info = {name: values[0] for name, values in observations.items()}, infos[0]
-        where = ([info["episode"]], step)
-        answer = _guard(job, "act()", where, lambda: agent.act(observation, info))
-        return np.array([_action(job, answer, "act()", where)])
+        job, agent, call = self._job, self._agent, f"{self.call}()"
+        if self.call == "act":
+            return np.array([self._act(observations, infos, k, step) for k in range(len(infos))])
+        if self.call == "act_batch":
+            answer = _guard(job, call, (infos, step), lambda: agent.act_batch(observations, infos))
+        else:
+            rows = [{name: values[k] for name, values in observations.items()} for k in range(len(infos))]
+            answer = _guard(job, call, (infos, step), lambda: agent.act_team(rows, infos))
+        chosen = _array(job, answer, call, (infos, step))
+        if chosen.shape != (len(infos),):
+            raise _complaint(job, (infos, step), f"{call} returned shape {chosen.shape}, expected ({len(infos)},)")
+        return np.array([_action(job, each, call, ([info], step)) for each, info in zip(chosen, infos, strict=True)])
+
+    def _act(self, observations: Observation, infos: list[dict[str, Any]], k: int, step: int) -> int:
+        """Ask the agent for one UAV."""
+        observation, info = {name: values[k] for name, values in observations.items()}, infos[k]
+        answer = _guard(self._job, "act()", ([info], step), lambda: self._agent.act(observation, info))
+        return _action(self._job, answer, "act()", ([info], step))
 
 
-_Where = tuple[list[int], int] | None  # episodes and step
+_Where = tuple[list[dict[str, Any]], int] | None  # what the agent was told, and the step
 
 
 def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
@@ -312,9 +323,12 @@ def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
     """Say where an agent failed, and why."""
     place = f"{job.source.name} on {job.scenario.id}"
     if where is not None:
-        episodes, step = where
-        which = f"episode {episodes[0]}" if len(episodes) == 1 else f"episodes {min(episodes)} to {max(episodes)}"
+        infos, step = where
+        episodes = {info["episode"] for info in infos}
+        which = f"episode {min(episodes)}" if len(episodes) == 1 else f"episodes {min(episodes)} to {max(episodes)}"
         place += f", {job.split} {which}, step {step}"
+        if job.scenario.team and len(infos) == 1:
+            place += f", UAV {infos[0]['uav']}"
     return AgentError(f"{place}: {reason}")
 
 
@@ -323,12 +337,12 @@ def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> A
     limit = None if call == "__init__()" else job.decision_timeout  # weights may take their time to load
     started = time.perf_counter()
     try:
-        _set_alarm(limit)
+        set_alarm(limit)
         try:
             answer = function()
         finally:
-            _set_alarm(None)
-    except DecisionTimeoutError:
+            set_alarm(None)
+    except TimeUpError:
         raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
     except (Exception, SystemExit) as error:
         raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
@@ -350,36 +364,3 @@ def _trace() -> str:
         if not skip:
             kept.append(line)
     return "\n".join(kept)
-
-
-# An alarm is a timer signal, which Python delivers to the main thread only and Windows does not have. Without it a decision
-# that took too long is still refused, but only after it has ended.
-
-
-def _ring(_signal: int, _frame: Any) -> None:
-    raise DecisionTimeoutError
-
-
-@contextlib.contextmanager
-def _alarm() -> Generator[None]:
-    """Let `_set_alarm` work in the block, where it can."""
-    global _armed
-    if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGALRM, _ring)
-    _armed = True
-    try:
-        yield
-    finally:
-        _armed = False
-        signal.signal(signal.SIGALRM, before)
-
-
-_armed = False
-
-
-def _set_alarm(seconds: float | None) -> None:
-    """Raise `DecisionTimeoutError` after ``seconds``; None for never."""
-    if _armed:
-        signal.setitimer(signal.ITIMER_REAL, seconds or 0)

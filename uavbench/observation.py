@@ -1,8 +1,11 @@
 """The observation: the centred map, its local crop and its global average (paper eqs. 5 to 15).
 
-Layers, in this order: landing, no_fly, building, target. The centred map of an M×N map is (2M − 1)×(2N − 1), the UAV's cell
-in the middle, padded with [0, 1, 1, 0]. The static layers of any position are crops of two tables made once, of a size
-proportional to the map's; only the target layer is computed per step.
+Layers, in this order: landing, no_fly, building, target; in teams also the other active UAVs (0/1), and their budgets at
+their cells. The centred map of an M×N map is (2M − 1)×(2N − 1), the UAV's cell in the middle, padded with [0, 1, 1, 0, 0, 0].
+The static layers of any position are crops of two tables made once, of a size proportional to the map's; only the other
+layers are computed per step.
+
+Of U UAVs in each of B slots, UAV u of slot i has the observation i · U + u of B · U.
 """
 
 from typing import NamedTuple
@@ -10,13 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import City
+from uavbench.city import City, city_of
 from uavbench.kernel import kernel
-from uavbench.parameters import ObservationSizes
+from uavbench.scenario import Scenario
 from uavbench.state import State
 
 LAYERS = ("landing", "no_fly", "building", "target")
-_PADDING = (0.0, 1.0, 1.0)  # of the static layers; the target layer's is 0
+TEAM_LAYERS = (*LAYERS, "uavs", "budgets")
+_PADDING = (0.0, 1.0, 1.0)  # of the static layers; that of the others is 0
 
 #: One observation or a batch of them: ``local``, ``global`` and ``budget``, float32.
 Observation = dict[str, NDArray[np.float32]]
@@ -34,41 +38,42 @@ class _Tables(NamedTuple):
 
 
 class Observer:
-    """Turns states of one city into observations.
+    """Turns states of a scenario's episodes into observations.
 
     Parameters
     ----------
-    city : City
-        The city.
-    sizes : ObservationSizes
-        Local size l (0 for no local map) and global scale g.
+    scenario : Scenario
+        Its map, its local size l (0 for no local map) and global scale g, and whether it is a team's.
 
     Attributes
     ----------
+    layers : tuple of str
+        The C layers' names: 4, in teams 6.
     local_shape, global_shape : (int, int, int)
-        Shapes of the two maps, channel first: (4, l, l) and (4, ⌊(2M−1)/g⌋, ⌊(2N−1)/g⌋).
+        Shapes of the two maps, channel first: (C, l, l) and (C, ⌊(2M−1)/g⌋, ⌊(2N−1)/g⌋).
     """
 
-    def __init__(self, city: City, sizes: ObservationSizes) -> None:
-        rows, cols = city.shape
-        self._local_size, self._scale = sizes.local_size, sizes.global_scale
-        self.local_shape = (len(LAYERS), self._local_size, self._local_size)
-        self.global_shape = (len(LAYERS), (2 * rows - 1) // self._scale, (2 * cols - 1) // self._scale)
-        self._tables = _tables(city, self._local_size, self._scale, self.global_shape)
+    def __init__(self, scenario: Scenario) -> None:
+        rows, cols = scenario.shape
+        self._local_size, self._scale = scenario.observation.local_size, scenario.observation.global_scale
+        self.layers = TEAM_LAYERS if scenario.team else LAYERS
+        self.local_shape = (len(self.layers), self._local_size, self._local_size)
+        self.global_shape = (len(self.layers), (2 * rows - 1) // self._scale, (2 * cols - 1) // self._scale)
+        self._tables = _tables(city_of(scenario), self._local_size, self._scale, self.global_shape)
 
-    def empty(self, num_envs: int) -> Observation:
-        """Return uninitialised arrays for ``num_envs`` observations; no ``local`` when the local size is 0."""
+    def empty(self, number: int) -> Observation:
+        """Return uninitialised arrays for ``number`` observations; no ``local`` when the local size is 0."""
         arrays = {
-            "local": np.empty((num_envs, *self.local_shape), dtype=np.float32),
-            "global": np.empty((num_envs, *self.global_shape), dtype=np.float32),
-            "budget": np.empty((num_envs, 1), dtype=np.float32),
+            "local": np.empty((number, *self.local_shape), dtype=np.float32),
+            "global": np.empty((number, *self.global_shape), dtype=np.float32),
+            "budget": np.empty((number, 1), dtype=np.float32),
         }
         if not self._local_size:
             del arrays["local"]
         return arrays
 
     def write(self, state: State, index: NDArray[np.int64], out: Observation) -> None:
-        """Write the observations of the slots ``index`` of ``state`` into the same places of ``out``."""
+        """Write the observations ``index`` of ``state`` (i · U + u for UAV u of slot i) into the same places of ``out``."""
         if self._local_size:
             _write_local(state.position, state.target, index, self._tables.crops, out["local"])
         _write_global(
@@ -82,6 +87,12 @@ class Observer:
             out["global"],
             out["budget"],
         )
+        if self.layers is TEAM_LAYERS:
+            if self._local_size:
+                half = self._local_size // 2
+                _write_team(state, index, half, half, 1, out["local"])
+            rows, cols = state.target.shape[1:]
+            _write_team(state, index, rows - 1, cols - 1, self._scale, out["global"])
 
 
 def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, int, int]) -> _Tables:
@@ -116,16 +127,17 @@ def _write_local(
     """Write the local maps."""
     size = out.shape[2]
     rows, cols = target.shape[1:]
-    static = crops.shape[1]
-    for i in index:
-        r, c = position[i, 0], position[i, 1]
+    static, uavs = crops.shape[1], position.shape[1]
+    for n in index:
+        i, u = n // uavs, n % uavs
+        r, c = position[i, u, 0], position[i, u, 1]
         for k in range(static):
-            _copy(crops[c, k, r : r + size].reshape(-1), out[i, k].reshape(-1))
-        out[i, static] = 0.0
+            _copy(crops[c, k, r : r + size].reshape(-1), out[n, k].reshape(-1))
+        out[n, static] = 0.0
         top, left = r - size // 2, c - size // 2
         first, last = max(0, -left), min(size, cols - left)
         for y in range(max(0, -top), min(size, rows - top)):
-            _copy(target[i, top + y, left + first : left + last], out[i, static, y, first:last])
+            _copy(target[i, top + y, left + first : left + last], out[n, static, y, first:last])
 
 
 @kernel
@@ -143,16 +155,17 @@ def _write_global(
     """Write the global maps, static layers from the table, targets summed block by block; and budgets."""
     high, wide = out.shape[2:]
     rows, cols = target.shape[1:]
-    static = means.shape[2]
+    static, uavs = means.shape[2], position.shape[1]
     sums = np.empty(cols + 2 * scale, dtype=np.float32)
-    for i in index:
-        out_budget[i, 0] = budget[i]
-        r, c = position[i, 0], position[i, 1]
+    for n in index:
+        i, u = n // uavs, n % uavs
+        out_budget[n, 0] = budget[i, u]
+        r, c = position[i, u, 0], position[i, u, 1]
         phase, down, right = means[r % scale, c % scale], r // scale, c // scale
         for k in range(static):
             for y in range(high):
-                _copy(phase[k, down + y, right : right + wide], out[i, k, y])
-        layer = out[i, static]
+                _copy(phase[k, down + y, right : right + wide], out[n, k, y])
+        layer = out[n, static]
         layer[:] = 0.0
         # The map begins at (top, left) of the centred map; block column `before` is the first that meets it, and its
         # first `lead` cells lie before it.
@@ -171,6 +184,37 @@ def _write_global(
                 if row_targets[i, row]:
                     _add(target[i, row], columns)
             _sum_blocks(sums, scale, layer[y, before : before + blocks])
+
+
+@kernel
+def _write_team(state: State, index: NDArray[np.int64], up: int, left: int, scale: int, out: NDArray[np.float32]) -> None:
+    """Write the last two layers of a map: the other active UAVs, and their budgets at their cells.
+
+    The map begins ``up`` and ``left`` cells from the UAV, and one cell of it is the mean of ``scale``×``scale``.
+    """
+    uavs, first = state.position.shape[1], out.shape[1] - 2
+    for n in index:
+        i, u = n // uavs, n % uavs
+        others = out[n, first:]
+        others[:] = 0.0
+        for w in range(uavs):
+            if w == u or state.done[i, w]:
+                continue
+            down = state.position[i, w, 0] - state.position[i, u, 0] + up
+            right = state.position[i, w, 1] - state.position[i, u, 1] + left
+            y, x = down // scale, right // scale  # rounded down: negative off the map
+            if 0 <= y < others.shape[1] and 0 <= x < others.shape[2]:
+                others[0, y, x] += 1.0
+                others[1, y, x] += state.budget[i, w]
+        if scale > 1:
+            _divide(others.reshape(-1), scale * scale)
+
+
+@kernel
+def _divide(values: NDArray[np.float32], by: float) -> None:
+    """Divide all values."""
+    for x in range(len(values)):
+        values[x] /= np.float32(by)
 
 
 @kernel

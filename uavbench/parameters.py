@@ -23,6 +23,7 @@ def ordered(bounds: tuple[float, float]) -> tuple[float, float]:
 
 Count = Annotated[int, Field(ge=1, le=30_000, strict=True)]
 _Devices = Annotated[int, Field(ge=1, le=100, strict=True)]
+TeamSize = Annotated[int, Field(ge=1, le=16, strict=True)]
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False, strict=True)]
 _Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Fraction = Annotated[float, Field(ge=0, le=1, strict=True)]

@@ -17,7 +17,7 @@ _COLOURS = {
 }
 _TARGET = np.array((66, 168, 84))
 _PATH = (40, 40, 40)
-_UAV = (214, 96, 16)
+_UAVS = ((214, 96, 16), (36, 104, 190), (150, 60, 160), (20, 140, 140))  # in turn
 _FRAME = 512  # pixels of the longer side, about
 
 Cells = Sequence[tuple[int, int]]
@@ -28,8 +28,14 @@ def _characters(simulator: Simulator) -> NDArray[np.str_]:
     return np.array([list(row) for row in simulator.scenario.rows])
 
 
-def frame(simulator: Simulator, i: int, path: Cells) -> NDArray[np.uint8]:
-    """Draw the episode in slot ``i``: the map, what is left of the targets in green, the flown path, the UAV.
+def _positions(simulator: Simulator, i: int) -> list[tuple[int, int]]:
+    """Return where the UAVs of slot ``i`` are."""
+    state = simulator.state
+    return [(r, c) for r, c in state.position[i, : state.uavs[i]].tolist()]
+
+
+def frame(simulator: Simulator, i: int, paths: Sequence[Cells]) -> NDArray[np.uint8]:
+    """Draw the episode in slot ``i``: the map, what is left of the targets in green, and each UAV with its path.
 
     Returns
     -------
@@ -49,28 +55,35 @@ def frame(simulator: Simulator, i: int, path: Cells) -> NDArray[np.uint8]:
         large[::size] = large[::size] * 0.93
         large[:, ::size] = large[:, ::size] * 0.93
     half, thick = size // 2, max(1, size // 8)
-    for (r0, c0), (r1, c1) in pairwise(path):
-        (top, bottom), (left, right) = sorted((r0, r1)), sorted((c0, c1))
-        large[
-            top * size + half - thick : bottom * size + half + thick,
-            left * size + half - thick : right * size + half + thick,
-        ] = _PATH
-    r, c = simulator.state.position[i].tolist()
+    for u, path in enumerate(paths):
+        colour = np.multiply(_UAVS[u % len(_UAVS)], 0.8) if simulator.scenario.team else _PATH
+        for (r0, c0), (r1, c1) in pairwise(path):
+            (top, bottom), (left, right) = sorted((r0, r1)), sorted((c0, c1))
+            large[
+                top * size + half - thick : bottom * size + half + thick,
+                left * size + half - thick : right * size + half + thick,
+            ] = colour
     y, x = np.ogrid[:size, :size]
     disc = (y - (size - 1) / 2) ** 2 + (x - (size - 1) / 2) ** 2 < (0.46 * size) ** 2
-    large[r * size : (r + 1) * size, c * size : (c + 1) * size][disc] = _UAV
+    for u, (r, c) in enumerate(_positions(simulator, i)):
+        large[r * size : (r + 1) * size, c * size : (c + 1) * size][disc] = _UAVS[u % len(_UAVS)]
     return large
 
 
-def text(simulator: Simulator, i: int, path: Cells) -> str:
-    """Write the episode in slot ``i``: ``@`` the UAV, ``+`` what is left of the targets, ``·`` the flown path."""
+def text(simulator: Simulator, i: int, paths: Sequence[Cells]) -> str:
+    """Write the episode in slot ``i``: ``+`` what is left of the targets, ``·`` the flown paths, ``@`` the UAV.
+
+    The UAVs of a team are written as the digits of their numbers.
+    """
     state = simulator.state
     cells = _characters(simulator)
-    for r, c in path:
-        cells[r, c] = "·"
+    for path in paths:
+        for r, c in path:
+            cells[r, c] = "·"
     cells[state.target[i] > 0] = "+"
-    r, c = state.position[i].tolist()
-    cells[r, c] = "@"
+    for u, cell in enumerate(_positions(simulator, i)):
+        cells[cell] = f"{u:X}" if simulator.scenario.team else "@"
     cr = float(simulator.outcomes([i])["cr"][0])
-    head = f"{simulator.scenario.id}  budget {state.budget[i]}/{state.initial_budget[i]}  CR {cr:.3f}"
+    budgets = ", ".join(f"{state.budget[i, u]}/{state.initial_budget[i, u]}" for u in range(state.uavs[i]))
+    head = f"{simulator.scenario.id}  budget {budgets}  CR {cr:.3f}"
     return "\n".join([head, *("".join(row) for row in cells.tolist())]) + "\n"

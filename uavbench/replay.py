@@ -5,9 +5,9 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import NUM_ACTIONS
+from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.episode import check_split, split_size
-from uavbench.evaluate import EpisodeRecord
+from uavbench.evaluate import NO_ACTION, EpisodeRecord
 from uavbench.metrics import METRICS, Comparison, compare
 from uavbench.results import COLUMNS, Result, ResultError, metrics_of
 from uavbench.scenario import Scenario, SplitName, load_scenario
@@ -79,20 +79,27 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
 
 def fly_recorded(scenario: Scenario, split: SplitName, number: int, actions: NDArray[np.uint8]) -> EpisodeRecord | None:
     """Fly an episode with recorded actions; return None when they are not those of a whole episode."""
+    if actions.ndim != 2 or actions.shape[1] != scenario.most_uavs:
+        return None
     simulator = Simulator(scenario, 1)
     simulator.reset([0], split, [number])
     state, total = simulator.state, 0.0
-    for action in actions.tolist():
-        if state.done[0] or action >= NUM_ACTIONS:
+    for row in actions:
+        flying = ~state.done[0]
+        if not flying.any() or (row[flying] >= NUM_ACTIONS).any() or (row[~flying] != NO_ACTION).any():
             return None
-        simulator.step(np.array([action]))
-        total += float(state.reward[0])
-    if not state.done[0]:
+        chosen = np.where(flying, row, HOVER)
+        simulator.step(chosen[None] if scenario.team else chosen)
+        for reward in state.reward[0].tolist():
+            total += reward
+    if not state.done.all():
         return None
+    uavs = int(state.uavs[0])
     return EpisodeRecord(
         episode=number,
-        budget=int(state.initial_budget[0]),
-        steps=len(actions),
+        uavs=uavs,
+        budget=int(state.initial_budget[0, :uavs].sum()),
+        steps=int((actions != NO_ACTION).sum()),
         total_reward=total,
         actions=actions,
         seconds=0.0,

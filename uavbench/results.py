@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 #: Columns of ``episodes.csv`` and the fields of `EpisodeRecord` that they hold.
 COLUMNS = {
     "episode": "episode",
+    "uavs": "uavs",
     "budget": "budget",
     "steps": "steps",
     "landed": "landed",
@@ -79,7 +80,7 @@ class Result:
             raise ResultError(f"{path}: damaged: {error}") from None
 
     def actions(self) -> dict[int, NDArray[np.uint8]]:
-        """Return the actions of each episode, by its number.
+        """Return the actions of each episode, by its number, as in `EpisodeRecord`.
 
         Raises
         ------
@@ -169,7 +170,7 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
     table["landed"] = table["landed"].astype(int)
     actions = {
         "actions": np.concatenate([record.actions for record in records]),
-        "offsets": np.cumsum([0, *(record.steps for record in records)]),
+        "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
         "episodes": np.array([record.episode for record in records]),
     }
     new, old = (folder.with_name(f".{folder.name}.{kind}") for kind in ("new", "old"))

@@ -170,6 +170,7 @@ class _Partial:
         try:
             columns = unpack_arrays(self._path.read_bytes())
             identity = json.loads(str(columns["identity"]))
+            parts = np.split(columns["actions"], np.cumsum(columns["lengths"])[:-1])
         except (OSError, ValueError, KeyError) as error:
             raise ResultError(f"{self._path}: damaged ({error}); delete its folder to start over") from None
         where = f"{self._path.parent} holds an unfinished run of {identity['agent']} on {identity['scenario']}"
@@ -186,7 +187,6 @@ class _Partial:
                     f"{where}, but its {name} is {_short(identity.get(name))}, not {_short(value)}: "
                     "run without --resume to start over"
                 )
-        parts = np.split(columns["actions"], np.cumsum(columns["steps"])[:-1])
         names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
         rows = zip(*(columns[name].tolist() for name in names), strict=True)
         records = [
@@ -202,6 +202,7 @@ class _Partial:
         names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
         columns = {name: np.array([getattr(record, name) for record in done]) for name in names}
         columns["actions"] = np.concatenate([record.actions for record in done])
+        columns["lengths"] = np.array([len(record.actions) for record in done])
         columns["identity"] = np.array(json.dumps(self._identity))
         columns["spent"] = np.array(spent)
         write_whole(self._path, pack_arrays(columns))

@@ -6,16 +6,17 @@ Source: Theile et al., ICAR 2021; the values of the shipped scenarios stand in `
 import difflib
 import hashlib
 import json
+import operator
 import tomllib
 from collections import deque
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, SupportsIndex
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from uavbench import resources
-from uavbench.parameters import Count, Coverage, Harvesting, ObservationSizes, Record, Rewards, ordered
+from uavbench.parameters import Count, Coverage, Harvesting, ObservationSizes, Record, Rewards, TeamSize, ordered
 
 FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
 
@@ -70,7 +71,9 @@ class Scenario(Record):
     map : str
         The map's file, relative to the scenario's; see `rows`.
     budget : (int, int)
-        Least and most movement budget of an episode.
+        Least and most movement budget of an episode; in a team each UAV has its own.
+    uavs : (int, int), optional
+        Least and most UAVs of an episode, at most 16. Given, the scenario is a team's; without, one UAV flies alone.
     rewards, observation, mission, splits
         See their classes.
     rows : tuple of str
@@ -83,6 +86,7 @@ class Scenario(Record):
     title: str
     map: str
     budget: tuple[Count, Count]
+    uavs: tuple[TeamSize, TeamSize] | None = None
     rewards: Rewards
     observation: ObservationSizes
     mission: Annotated[Coverage | Harvesting, Field(discriminator="kind")]
@@ -91,6 +95,13 @@ class Scenario(Record):
     path: Path
 
     _ranges = field_validator("budget")(ordered)
+
+    @field_validator("uavs")
+    @classmethod
+    def _team(cls, bounds: tuple[int, int] | None) -> tuple[int, int] | None:
+        if bounds is not None:
+            ordered(bounds)
+        return bounds
 
     @field_validator("rows")
     @classmethod
@@ -101,6 +112,9 @@ class Scenario(Record):
     @model_validator(mode="after")
     def _fits(self) -> "Scenario":
         _check_sizes(self.observation, self.shape)
+        starts = sum(row.count(LANDING) for row in self.rows)
+        if starts < self.most_uavs:
+            raise ValueError(f"uavs: up to {self.most_uavs} start in landing cells of their own, and the map has {starts}")
         if isinstance(self.mission, Harvesting):
             places = sum(row.count(FREE) + row.count(NO_FLY) for row in self.rows)
             if places < self.mission.devices[1]:
@@ -114,6 +128,16 @@ class Scenario(Record):
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the map."""
         return len(self.rows), len(self.rows[0])
+
+    @property
+    def team(self) -> bool:
+        """Whether UAVs fly as a team, and see each other, even if an episode has only one."""
+        return self.uavs is not None
+
+    @property
+    def most_uavs(self) -> int:
+        """Most UAVs of an episode."""
+        return self.uavs[1] if self.uavs else 1
 
     @cached_property
     def digest(self) -> str:
@@ -138,9 +162,30 @@ class Scenario(Record):
         except ValidationError as error:
             raise ValueError(_first(error)) from None
         _check_sizes(observation, self.shape)
-        changed_copy = self.model_copy(update={"observation": observation})
-        vars(changed_copy).pop("digest", None)  # cached, of the scenario copied from
-        return changed_copy
+        return self._changed(observation=observation)
+
+    def with_uavs(self, number: SupportsIndex) -> "Scenario":
+        """Return the same scenario with ``number`` UAVs in every episode: those that it draws first.
+
+        Raises
+        ------
+        ValueError
+            When the scenario is not a team's, or has fewer.
+        """
+        if self.uavs is None:
+            raise ValueError(f"num_uavs: {self.id} is for one UAV; the scenarios for teams have Team in their ids")
+        try:
+            uavs = 0 if isinstance(number, bool) else operator.index(number)
+        except TypeError:
+            uavs = 0
+        if not 1 <= uavs <= self.most_uavs:
+            raise ValueError(f"num_uavs: {number!r} is not an integer from 1 to {self.most_uavs}, the most of {self.id}")
+        return self._changed(uavs=(uavs, uavs))
+
+    def _changed(self, **changes: object) -> "Scenario":
+        copy = self.model_copy(update=changes)
+        vars(copy).pop("digest", None)  # cached, of the scenario copied from
+        return copy
 
 
 def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:

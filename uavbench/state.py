@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 
 class State(NamedTuple):
-    """The state of B episodes on an M×N map.
+    """The state of B episodes with at most U UAVs each on an M×N map.
 
     Attributes
     ----------
@@ -15,26 +15,29 @@ class State(NamedTuple):
         The episode keys.
     noise : ndarray of bool, shape (B,)
         Whether shadow fading is on.
-    position, previous : ndarray of int32, shape (B, 2)
+    uavs : ndarray of int32, shape (B,)
+        How many UAVs the episode has: the first of its row. The others stand landed from the start.
+    position, previous : ndarray of int32, shape (B, U, 2)
         The UAVs' cells (row, column), now and before the last move.
-    budget, initial_budget : ndarray of int32, shape (B,)
+    budget, initial_budget : ndarray of int32, shape (B, U)
         Actions left, b(t), and at the start.
-    blocked : ndarray of int32, shape (B,)
+    blocked : ndarray of int32, shape (B, U)
         How often the safety controller kept the UAV in place.
-    landed, done : ndarray of bool, shape (B,)
-        Whether the UAV has landed, and whether the episode has ended (landed or crashed).
+    landed, done : ndarray of bool, shape (B, U)
+        Whether the UAV has landed, and whether it flies no more (landed or crashed). The episode ends with its last UAV.
     target : ndarray of float32, shape (B, M, N)
         The target map D(t): 1 where a cell is still to cover, or the data left at a device's cell.
     row_targets : ndarray of int32, shape (B, M)
         How many cells of each row of the target map are not 0: the observation passes over the others.
     total, remaining : ndarray of float64, shape (B,)
         Target cells or data units at the start, and left.
-    reward : ndarray of float64, shape (B,)
-        The reward of the last step.
+    reward : ndarray of float64, shape (B, U)
+        The rewards of the last step.
     """
 
     key: NDArray[np.uint64]
     noise: NDArray[np.bool_]
+    uavs: NDArray[np.int32]
     position: NDArray[np.int32]
     previous: NDArray[np.int32]
     budget: NDArray[np.int32]
@@ -49,21 +52,23 @@ class State(NamedTuple):
     reward: NDArray[np.float64]
 
 
-def new_state(num_envs: int, shape: tuple[int, int]) -> State:
+def new_state(num_envs: int, most_uavs: int, shape: tuple[int, int]) -> State:
     """Return a state in which no episode runs (``done`` everywhere)."""
+    each = (num_envs, most_uavs)
     return State(
         key=np.zeros(num_envs, dtype=np.uint64),
         noise=np.ones(num_envs, dtype=np.bool_),
-        position=np.zeros((num_envs, 2), dtype=np.int32),
-        previous=np.zeros((num_envs, 2), dtype=np.int32),
-        budget=np.zeros(num_envs, dtype=np.int32),
-        initial_budget=np.zeros(num_envs, dtype=np.int32),
-        blocked=np.zeros(num_envs, dtype=np.int32),
-        landed=np.zeros(num_envs, dtype=np.bool_),
-        done=np.ones(num_envs, dtype=np.bool_),
+        uavs=np.zeros(num_envs, dtype=np.int32),
+        position=np.zeros((*each, 2), dtype=np.int32),
+        previous=np.zeros((*each, 2), dtype=np.int32),
+        budget=np.zeros(each, dtype=np.int32),
+        initial_budget=np.zeros(each, dtype=np.int32),
+        blocked=np.zeros(each, dtype=np.int32),
+        landed=np.zeros(each, dtype=np.bool_),
+        done=np.ones(each, dtype=np.bool_),
         target=np.zeros((num_envs, *shape), dtype=np.float32),
         row_targets=np.zeros((num_envs, shape[0]), dtype=np.int32),
         total=np.zeros(num_envs, dtype=np.float64),
         remaining=np.zeros(num_envs, dtype=np.float64),
-        reward=np.zeros(num_envs, dtype=np.float64),
+        reward=np.zeros(each, dtype=np.float64),
     )

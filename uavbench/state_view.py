@@ -11,7 +11,7 @@ from uavbench.simulator import Simulator
 
 
 class StateView:
-    """A read-only view of one running episode. It follows the episode: read it anew at every decision.
+    """A read-only view of one running episode, by one of its UAVs. It follows the episode: read it anew at every decision.
 
     Attributes
     ----------
@@ -19,26 +19,44 @@ class StateView:
         All parameters.
     city : City
         Layers, distances, lines of sight.
+    uav : int
+        Which UAV it is, 0 being the first to move.
     """
 
-    __slots__ = ("_i", "_simulator", "city", "scenario")
+    __slots__ = ("_i", "_simulator", "city", "scenario", "uav")
 
-    def __init__(self, simulator: Simulator, i: int) -> None:
+    def __init__(self, simulator: Simulator, i: int, uav: int = 0) -> None:
         self.scenario: Scenario = simulator.scenario
         self.city: City = simulator.city
         self._simulator = simulator
         self._i = i
+        self.uav = uav
 
     @property
     def position(self) -> tuple[int, int]:
         """The UAV's cell (row, column)."""
-        r, c = self._simulator.state.position[self._i].tolist()
+        r, c = self._simulator.state.position[self._i, self.uav].tolist()
         return r, c
 
     @property
     def budget(self) -> int:
         """Actions left."""
-        return int(self._simulator.state.budget[self._i])
+        return int(self._simulator.state.budget[self._i, self.uav])
+
+    @property
+    def positions(self) -> NDArray[np.int32]:
+        """The cells of the team's UAVs, shape (U, 2), those that fly no more included."""
+        return _read_only(self._simulator.state.position[self._i, : self._uavs])
+
+    @property
+    def budgets(self) -> NDArray[np.int32]:
+        """The team's budgets, shape (U,)."""
+        return _read_only(self._simulator.state.budget[self._i, : self._uavs])
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """Which of the team's UAVs still fly, shape (U,)."""
+        return _read_only(~self._simulator.state.done[self._i, : self._uavs])
 
     @property
     def target(self) -> NDArray[np.float32]:
@@ -64,6 +82,10 @@ class StateView:
     def device_data(self) -> NDArray[np.float64]:
         """DH: the data left at each device, shape (K,)."""
         return self._mission("device_data")
+
+    @property
+    def _uavs(self) -> int:
+        return int(self._simulator.state.uavs[self._i])
 
     def _mission(self, name: str) -> NDArray[Any]:
         arrays = self._simulator.mission.view(self._i)

@@ -22,10 +22,17 @@ def load(scenario: str | Path | Scenario, local_size: int | None, global_scale: 
     return loaded.with_observation(local_size, global_scale)
 
 
+def check_alone(scenario: Scenario) -> Scenario:
+    """Refuse a team's scenario where one UAV flies alone."""
+    if scenario.team:
+        raise ValueError(f"{scenario.id} is for a team: use uavbench.parallel_env({scenario.id!r})")
+    return scenario
+
+
 def observation_space(scenario: Scenario, observer: Observer) -> spaces.Dict:
     """Return the space of one observation: ``local`` (unless l = 0), ``global`` and ``budget``, all float32."""
-    most = np.ones((observer.global_shape[0], 1, 1), dtype=np.float32)
-    most[-1] = scenario.mission.largest_target
+    largest = {"target": scenario.mission.largest_target, "budgets": scenario.budget[1]}
+    most = np.array([largest.get(layer, 1.0) for layer in observer.layers], dtype=np.float32)[:, None, None]
     shapes = {"local": observer.local_shape, "global": observer.global_shape}
     maps: dict[str, spaces.Space[Any]] = {
         name: spaces.Box(np.zeros(shape, np.float32), np.broadcast_to(most, shape), dtype=np.float32)
@@ -47,9 +54,14 @@ def check_render_mode(mode: str | None) -> str | None:
     return mode
 
 
+def known_options(mission: Mission) -> tuple[str, ...]:
+    """Return the options of ``reset`` that every adapter knows."""
+    return ("split", "episode", "start", "budget", mission.option, "noise")
+
+
 def check_options(options: Mapping[str, Any] | None, mission: Mission, extra: tuple[str, ...] = ()) -> dict[str, Any]:
     """Refuse options of ``reset`` that this scenario does not know."""
-    known = ("split", "episode", "start", "budget", mission.option, "noise", *extra)
+    known = (*known_options(mission), *extra)
     given = dict(options or {})
     for name in given:
         if name not in known:

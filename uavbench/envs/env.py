@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from uavbench.envs.core import (
     METADATA,
     action_space,
+    check_alone,
     check_options,
     check_render_mode,
     choose_episode,
@@ -87,11 +88,11 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         split: str = "train",
         render_mode: str | None = None,
     ) -> None:
-        self.scenario = load(scenario, local_size, global_scale)
+        self.scenario = check_alone(load(scenario, local_size, global_scale))
         self.render_mode = check_render_mode(render_mode)
         self._split: SplitName = check_split(split)
         self.simulator = Simulator(self.scenario, 1)
-        self._observer = Observer(self.simulator.city, self.scenario.observation)
+        self._observer = Observer(self.scenario)
         self.observation_space: Any = observation_space(self.scenario, self._observer)
         self.action_space: Any = action_space()
         self._path: list[tuple[int, int]] = []
@@ -137,17 +138,17 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
             When ``action`` is not an integer from 0 to 5.
         """
         state = self.simulator.state
-        if state.done[0]:
+        if state.done[0, 0]:
             raise RuntimeError("step() after the end of the episode: call reset() first")
         if np.ndim(action) > 0:
             raise ValueError(f"actions: {action!r} is not one integer from 0 to 5")
         self.simulator.step(np.array([action]))
         self._path.append(self._cell())
         info: dict[str, Any] = {"action_mask": self._mask()}
-        terminated = bool(state.done[0])
+        terminated = bool(state.done[0, 0])
         if terminated:
             info.update({name: values[0].item() for name, values in self.simulator.outcomes(_SLOT).items()})
-        return self._observe(), float(state.reward[0]), terminated, False, info
+        return self._observe(), float(state.reward[0, 0]), terminated, False, info
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the actions that have their effect, bool (6,): the name that sb3-contrib's MaskablePPO asks for."""
@@ -162,10 +163,10 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         from uavbench import render
 
         draw = render.frame if self.render_mode == "rgb_array" else render.text
-        return draw(self.simulator, 0, self._path)
+        return draw(self.simulator, 0, [self._path])
 
     def _cell(self) -> tuple[int, int]:
-        r, c = self.simulator.state.position[0].tolist()
+        r, c = self.simulator.state.position[0, 0].tolist()
         return r, c
 
     def _mask(self) -> NDArray[np.int8]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from uavbench.envs.core import (
     METADATA,
     action_space,
+    check_alone,
     check_options,
     check_render_mode,
     choose_episode,
@@ -51,7 +52,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     ) -> None:
         if num_envs < 1:
             raise ValueError(f"num_envs: {num_envs} is not at least 1")
-        self.scenario = load(scenario, local_size, global_scale)
+        self.scenario = check_alone(load(scenario, local_size, global_scale))
         self.num_envs = num_envs
         self.render_mode = check_render_mode(render_mode)
         try:
@@ -62,7 +63,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
         self._split: SplitName = check_split(split)
         self.simulator = Simulator(self.scenario, num_envs)
-        self._observer = Observer(self.simulator.city, self.scenario.observation)
+        self._observer = Observer(self.scenario)
         self.single_observation_space = observation_space(self.scenario, self._observer)
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -125,12 +126,13 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if not self._ready:
             raise RuntimeError("step() before a successful reset(): call reset() first")
         state = self.simulator.state
-        before = state.done.copy()
+        done = state.done[:, 0]
+        before = done.copy()
         waiting = np.flatnonzero(before)
         if len(waiting) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise RuntimeError(f"step() after the end of the episodes in slots {waiting.tolist()}: reset them first")
         self.simulator.step(actions)
-        rewards, ended = state.reward.copy(), state.done & ~before
+        rewards, ended = state.reward[:, 0].copy(), done & ~before
         over, truncated = np.flatnonzero(ended), np.zeros(self.num_envs, dtype=np.bool_)
         self._extend_paths(self._all)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and len(over):
@@ -154,7 +156,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         from uavbench import render
 
         draw = render.frame if self.render_mode == "rgb_array" else render.text
-        return tuple(draw(self.simulator, i, self._paths[i]) for i in range(self.num_envs))
+        return tuple(draw(self.simulator, i, [self._paths[i]]) for i in range(self.num_envs))
 
     def _start(self, index: NDArray[np.int64], options: dict[int, dict[str, Any]]) -> None:
         """Start the next episodes in the slots ``index``."""
@@ -184,7 +186,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if self.render_mode is not None:
             slots: list[int] = index.tolist()
             for i in slots:
-                r, c = self.simulator.state.position[i].tolist()
+                r, c = self.simulator.state.position[i, 0].tolist()
                 self._paths[i].append((r, c))
 
     def _observe(self, index: NDArray[np.int64]) -> Observation:

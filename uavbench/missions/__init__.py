@@ -43,8 +43,8 @@ class Mission(Protocol):
         """Turn the option of ``reset`` into columns of one row, or raise a ValueError that says what is wrong."""
         ...
 
-    def collect(self, state: State) -> None:
-        """Cover or collect in every slot that flies on, and add the gain to its reward."""
+    def collect(self, state: State, uav: int) -> None:
+        """Cover or collect with UAV ``uav`` of every slot, where it flies on, and add the gain to its reward."""
         ...
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:

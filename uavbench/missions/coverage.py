@@ -87,9 +87,20 @@ class CoverageMission:
             raise ValueError("targets: the mask is empty; at least one cell must be a target")
         return {"targets": np.packbits(mask.astype(bool).reshape(1, -1), axis=1)}
 
-    def collect(self, state: State) -> None:
+    def collect(self, state: State, uav: int) -> None:
         """Cover what the cameras see, and add r_c per newly covered cell to the rewards."""
-        _collect(state, self.views, self._parameters.camera_size // 2, self._collect_reward)
+        _collect(
+            uav,
+            state.position,
+            state.done,
+            state.target,
+            state.row_targets,
+            state.remaining,
+            state.reward,
+            self.views,
+            self._parameters.camera_size // 2,
+            self._collect_reward,
+        )
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
         """Return nothing: the target map says it all."""
@@ -189,25 +200,36 @@ def _keep(
 
 
 @kernel
-def _collect(state: State, views: NDArray[np.uint64], reach: int, reward: float) -> None:
-    """Cover what each UAV that flies on sees."""
+def _collect(
+    uav: int,
+    position: NDArray[np.int32],
+    done: NDArray[np.bool_],
+    target: NDArray[np.float32],
+    row_targets: NDArray[np.int32],
+    remaining: NDArray[np.float64],
+    reward: NDArray[np.float64],
+    views: NDArray[np.uint64],
+    reach: int,
+    value: float,
+) -> None:
+    """Cover what UAV ``uav`` of each slot sees, where it flies on. Plain arrays, as in the simulator's ``_move``."""
     side = 2 * reach + 1
-    for i in range(len(state.done)):
-        if state.done[i]:
+    for i in range(len(done)):
+        if done[i, uav]:
             continue
-        r, c = state.position[i, 0], state.position[i, 1]
+        r, c = position[i, uav, 0], position[i, uav, 1]
         view = views[r, c]
         gain = 0
         for y in range(side):
             for x in range(side):
                 # The view first: it never shows a cell off the map.
-                if view & np.uint64(1) and state.target[i, r + y - reach, c + x - reach] > 0.0:
-                    state.target[i, r + y - reach, c + x - reach] = 0.0
-                    state.row_targets[i, r + y - reach] -= 1
+                if view & np.uint64(1) and target[i, r + y - reach, c + x - reach] > 0.0:
+                    target[i, r + y - reach, c + x - reach] = 0.0
+                    row_targets[i, r + y - reach] -= 1
                     gain += 1
                 view >>= np.uint64(1)
-        state.remaining[i] -= gain
-        state.reward[i] += reward * gain
+        remaining[i] -= gain
+        reward[i, uav] += value * gain
 
 
 @kernel

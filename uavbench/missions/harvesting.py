@@ -154,9 +154,25 @@ class HarvestingMission:
         cell[0, : len(table)], data[0, : len(table)] = table[:, :2], table[:, 2]
         return {"device_count": np.array([len(table)]), "device_cell": cell, "device_data": data}
 
-    def collect(self, state: State) -> None:
+    def collect(self, state: State, uav: int) -> None:
         """Serve devices in every communication step of the last move, and add r_c per data unit to the rewards."""
-        _collect(state, self.devices, self._channel, self._collect_reward)
+        _collect(
+            uav,
+            state.key,
+            state.noise,
+            state.previous,
+            state.position,
+            state.budget,
+            state.initial_budget,
+            state.done,
+            state.target,
+            state.row_targets,
+            state.remaining,
+            state.reward,
+            *self.devices,
+            self._channel,
+            self._collect_reward,
+        )
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
         """Return ``device_cell`` (K, 2) and ``device_data`` (K,) left."""
@@ -257,47 +273,69 @@ def _place(state: State, devices: Devices, index: NDArray[np.int64], building: N
 
 
 @kernel
-def _collect(state: State, devices: Devices, channel: Channel, reward: float) -> None:
-    """Serve, in each communication step of each UAV that flies on, the device with the highest rate."""
-    for i in range(len(state.done)):
-        if state.done[i]:
+def _collect(
+    uav: int,
+    key: NDArray[np.uint64],
+    noise: NDArray[np.bool_],
+    previous: NDArray[np.int32],
+    position: NDArray[np.int32],
+    budget: NDArray[np.int32],
+    initial_budget: NDArray[np.int32],
+    done: NDArray[np.bool_],
+    target: NDArray[np.float32],
+    row_targets: NDArray[np.int32],
+    remaining: NDArray[np.float64],
+    reward: NDArray[np.float64],
+    number: NDArray[np.int32],
+    cell: NDArray[np.int32],
+    data: NDArray[np.float64],
+    sight: NDArray[np.uint8],
+    channel: Channel,
+    value: float,
+) -> None:
+    """Serve, in each communication step of UAV ``uav`` of each slot, where it flies on, the device with the highest rate.
+
+    Plain arrays, as in the simulator's ``_move``.
+    """
+    for i in range(len(done)):
+        if done[i, uav]:
             continue
-        step = state.initial_budget[i] - state.budget[i]
-        noise = stream(stream(state.key[i], NOISE), np.uint64(step))
-        r0, c0 = state.previous[i]
-        r1, c1 = state.position[i]
+        step = initial_budget[i, uav] - budget[i, uav]
+        fading = stream(stream(key[i], NOISE), np.uint64(step))
+        r0, c0 = previous[i, uav]
+        r1, c1 = position[i, uav]
         gain = 0.0
         for k in range(1, channel.steps + 1):
             r, c = r0 + k / channel.steps * (r1 - r0), c0 + k / channel.steps * (c1 - c0)
-            cell = np.uint64(_round(r) * state.target.shape[2] + _round(c))
-            byte, bit = cell >> np.uint64(3), np.uint8(cell & np.uint64(7))
+            here = np.uint64(_round(r) * target.shape[2] + _round(c))
+            byte, bit = here >> np.uint64(3), np.uint8(here & np.uint64(7))
             best, log_snr = -1, -math.inf
-            for j in range(devices.number[i]):
-                if devices.data[i, j] <= 0.0:
+            for j in range(number[i]):
+                if data[i, j] <= 0.0:
                     continue
-                y, x = devices.cell[i, j]
+                y, x = cell[i, j]
                 metres_r, metres_c = (y - r) * channel.cell_size, (x - c) * channel.cell_size
                 square = metres_r * metres_r + metres_c * metres_c + channel.altitude * channel.altitude
-                sight = int((devices.sight[i, j, byte] >> bit) & 1)
+                clear = int((sight[i, j, byte] >> bit) & 1)
                 # ln SNR orders devices as the rate does, and needs one logarithm instead of two powers and one.
-                level = channel.log_gain - channel.half_exponent[sight] * math.log(square)
-                if state.noise[i]:
-                    level += channel.fading[sight] * normal(noise, (k << 16) + j)
+                level = channel.log_gain - channel.half_exponent[clear] * math.log(square)
+                if noise[i]:
+                    level += channel.fading[clear] * normal(fading, (uav << 32) + (k << 16) + j)
                 best = j if level > log_snr else best
                 log_snr = level if level > log_snr else log_snr
             if best >= 0:
-                served = min(math.log2(1.0 + math.exp(log_snr)), devices.data[i, best])
-                devices.data[i, best] -= served
+                served = min(math.log2(1.0 + math.exp(log_snr)), data[i, best])
+                data[i, best] -= served
                 gain += served
-                y, x = devices.cell[i, best]
-                state.target[i, y, x] = devices.data[i, best]
-                if devices.data[i, best] == 0.0:
-                    state.row_targets[i, y] -= 1
+                y, x = cell[i, best]
+                target[i, y, x] = data[i, best]
+                if data[i, best] == 0.0:
+                    row_targets[i, y] -= 1
         left = 0.0
-        for j in range(devices.number[i]):
-            left += devices.data[i, j]
-        state.remaining[i] = left
-        state.reward[i] += reward * gain
+        for j in range(number[i]):
+            left += data[i, j]
+        remaining[i] = left
+        reward[i, uav] += value * gain
 
 
 @kernel

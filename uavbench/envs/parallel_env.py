@@ -1,0 +1,284 @@
+"""The PettingZoo environment: a team in one episode of a batch of one."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import seeding
+from numpy.typing import NDArray
+from pettingzoo.utils import parallel_to_aec  # pyright: ignore[reportMissingTypeStubs]
+from pettingzoo.utils.env import AECEnv, ParallelEnv  # pyright: ignore[reportMissingTypeStubs]
+
+from uavbench.city import HOVER
+from uavbench.envs.core import (
+    METADATA,
+    action_space,
+    choose_episode,
+    known_options,
+    load,
+    observation_space,
+)
+from uavbench.episode import check_split
+from uavbench.observation import TEAM_LAYERS, Observer
+from uavbench.scenario import Scenario, SplitName
+from uavbench.simulator import Simulator
+
+_SLOT = np.zeros(1, dtype=np.int64)
+
+
+class UAVParallelEnv(ParallelEnv[str, Any, Any]):
+    """A team of UAVs on a mission over a grid city.
+
+    Description
+    -----------
+    As `uavbench.envs.env.UAVEnv`, with the rules for several UAVs of Bayerlein et al., IEEE OJCOMS 2021: they share the
+    targets or devices, each has its own budget, and each must land. A scenario for one UAV is a team of one.
+
+    Agents
+    ------
+    ``uav_0`` to ``uav_{U−1}``, in the order in which they move: within a step each UAV moves and covers or collects before
+    the next one moves. A UAV that has landed or crashed leaves ``agents``, and frees its cell.
+
+    Action Space
+    ------------
+    ``Discrete(6)``: 0 north, 1 east, 2 south, 3 west, 4 hover, 5 land. A move off the map, into a no-fly cell or into a cell
+    that an active UAV holds is blocked; ``land`` outside a landing zone does nothing. Both cost budget and the safety penalty.
+
+    Observation Space
+    -----------------
+    ``Dict`` of float32: ``local`` (6, l, l), ``global`` (6, ⌊(2M−1)/g⌋, ⌊(2N−1)/g⌋) and ``budget`` (1,), each centred on the
+    UAV. Layers: landing, no_fly, building, target, the other active UAVs (0/1), their budgets at their cells. The last two
+    are not there in a scenario for one UAV, nor ``local`` if l = 0. With ``flat`` all of it as one ``Box``.
+
+    Rewards
+    -------
+    Each UAV earns r_c for what its own action covered or collected, and pays its own r_mov, r_sc and r_crash.
+
+    Starting State
+    --------------
+    How many UAVs fly, distinct landing cells, a budget each, and targets or devices, drawn from the episode's key.
+
+    Episode End
+    -----------
+    A UAV is terminated when it has landed or its budget is 0; the episode ends with the last. Never truncated.
+
+    Information
+    -----------
+    For each UAV always ``action_mask``, int8 (6,): 0 where an action cannot have its effect, because of the map or of a UAV
+    that moves later. After ``reset`` also ``split`` and ``episode_number``. At the end of the episode, for those that flew
+    until then, the team's ``landed`` (all of them), ``cr``, ``cral`` and ``blocked``.
+
+    Parameters
+    ----------
+    scenario : str, Path or Scenario
+        An id, the path of a TOML file, or a loaded scenario.
+    num_uavs : int, optional
+        How many UAVs fly in every episode; by default as many as the episode draws.
+    local_size, global_scale : int, optional
+        l (odd, 0 for no local map) and g; the scenario's by default.
+    flat : bool
+        Whether observations are vectors, for libraries that take no dictionaries.
+    split : {"train", "validation", "test"}
+        Where ``reset`` draws episodes from when its options name none.
+    render_mode : {"human", "rgb_array", "ansi"}, optional
+        What `render` returns; "human" prints the text.
+
+    Version History
+    ---------------
+    v0: the first rules.
+    """
+
+    metadata: dict[str, Any]
+
+    def __init__(
+        self,
+        scenario: str | Path | Scenario,
+        *,
+        num_uavs: int | None = None,
+        local_size: int | None = None,
+        global_scale: int | None = None,
+        flat: bool = False,
+        split: str = "train",
+        render_mode: str | None = None,
+    ) -> None:
+        loaded = load(scenario, local_size, global_scale)
+        self.scenario = loaded if num_uavs is None else loaded.with_uavs(num_uavs)
+        modes = ["human", *METADATA["render_modes"]]
+        if render_mode is not None and render_mode not in modes:
+            raise ValueError(f"render_mode: {render_mode!r} is not one of {', '.join(modes)}")
+        self.render_mode = render_mode
+        self.metadata = {**METADATA, "render_modes": modes, "name": self.scenario.id, "is_parallelizable": True}
+        self._split: SplitName = check_split(split)
+        self.simulator = Simulator(self.scenario, 1)
+        self._observer = Observer(self.scenario)
+        self.possible_agents = [f"uav_{u}" for u in range(self.scenario.most_uavs)]
+        self.agents: list[str] = []
+        self._numbers = {agent: u for u, agent in enumerate(self.possible_agents)}
+        # Each agent has spaces of its own: seeding the samples of one must not seed another's.
+        shown = {agent: observation_space(self.scenario, self._observer) for agent in self._numbers}
+        self._flattened = shown[self.possible_agents[0]] if flat else None
+        self._observation_spaces: dict[str, spaces.Space[Any]] = {**shown}
+        if flat:
+            self._observation_spaces = {agent: cast("Any", spaces).flatten_space(space) for agent, space in shown.items()}
+        self._action_spaces = {agent: action_space() for agent in self._numbers}
+        self.state_space = _state_space(self.scenario)
+        self._generator: np.random.Generator | None = None
+        self._paths: list[list[tuple[int, int]]] = []
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the space of an agent's observations, the same object at every call."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the space of an agent's actions, the same object at every call."""
+        return self._action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            Seeds the sequence of episodes that this and later resets draw.
+        options : dict, optional
+            As for `UAVEnv.reset`; besides ``num_uavs``, and for a team ``start`` as a list of a cell for each UAV and
+            ``budget`` for all or as a list. Unknown options are ignored, as PettingZoo asks.
+
+        Raises
+        ------
+        ValueError
+            When an option does not fit the scenario.
+        """
+        self.agents = []  # nothing flies until a reset succeeds
+        if seed is not None or self._generator is None:
+            self._generator = seeding.np_random(seed)[0]
+        simulator = self.simulator
+        known = (*known_options(simulator.mission), "num_uavs")
+        given = {name: value for name, value in (options or {}).items() if name in known}
+        split, number = choose_episode(self.scenario, self._split, given, self._generator)
+        simulator.reset(_SLOT, split, [number])
+        simulator.customise(0, given)
+        self.agents = self.possible_agents[: int(simulator.state.uavs[0])]
+        self._paths = [[] for _ in self.agents]
+        self._extend_paths()
+        split, number = simulator.episode(0)
+        infos = self._infos(self.agents)
+        for info in infos.values():
+            info.update(split=split, episode_number=number)
+        return self._observe(self.agents), infos
+
+    def step(
+        self, actions: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
+        """Fly one action with every UAV of ``agents``, in their order.
+
+        Raises
+        ------
+        RuntimeError
+            When no UAV flies.
+        ValueError
+            When an agent of ``agents`` has no action, or one that is not an integer from 0 to 5.
+        """
+        acting = self.agents
+        if not acting:
+            raise RuntimeError("step() after the end of the episode: call reset() first")
+        simulator, state = self.simulator, self.simulator.state
+        simulator.step(self._chosen(actions))
+        self._extend_paths()
+        done = {agent: bool(state.done[0, self._numbers[agent]]) for agent in acting}
+        self.agents = [agent for agent in acting if not done[agent]]
+        infos = self._infos(acting)
+        if not self.agents:
+            outcome = {name: values[0].item() for name, values in simulator.outcomes(_SLOT).items()}
+            for info in infos.values():
+                info.update(outcome)
+        rewards = {agent: float(state.reward[0, self._numbers[agent]]) for agent in acting}
+        return self._observe(acting), rewards, done, dict.fromkeys(acting, False), infos
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the whole state for a centralised critic, float32 (6, M, N): the layers of a team, not centred."""
+        city, state = self.simulator.city, self.simulator.state
+        whole = np.zeros((len(TEAM_LAYERS), *city.shape), dtype=np.float32)
+        whole[:4] = city.landing, city.no_fly, city.building, state.target[0]
+        for u in np.flatnonzero(~state.done[0]):
+            r, c = state.position[0, u]
+            whole[4:, r, c] = 1.0, state.budget[0, u]
+        return whole
+
+    def render(self) -> Any:
+        """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text; "human" prints the text."""
+        if self.render_mode is None:
+            return None
+        if not self._paths:
+            raise RuntimeError("no episode has begun: call reset() first")
+        from uavbench import render
+
+        if self.render_mode == "rgb_array":
+            return render.frame(self.simulator, 0, self._paths)
+        text = render.text(self.simulator, 0, self._paths)
+        if self.render_mode == "ansi":
+            return text
+        print(text)  # noqa: T201
+        return None
+
+    def close(self) -> None:
+        """Release nothing: there is nothing to release."""
+
+    def _chosen(self, actions: Mapping[str, Any]) -> NDArray[Any]:
+        """Return the actions as the simulator wants them; UAVs that fly no more hover."""
+        for agent in self.agents:
+            if agent not in actions:
+                raise ValueError(f"actions: none for {agent}; there must be one for each of {', '.join(self.agents)}")
+        for agent in actions:
+            if agent not in self._numbers:
+                raise ValueError(f"actions: {agent!r} is not an agent; they are {', '.join(self.possible_agents)}")
+        chosen = np.full((1, len(self.possible_agents)), HOVER)
+        for agent in self.agents:
+            action = np.asarray(actions[agent])
+            if action.shape != () or action.dtype.kind not in "iu":
+                raise ValueError(f"actions: {actions[agent]!r} of {agent} is not one integer from 0 to 5")
+            chosen[0, self._numbers[agent]] = action
+        return chosen if self.scenario.team else chosen[:, 0]
+
+    def _observe(self, agents: list[str]) -> dict[str, Any]:
+        """Return the agents' observations, in fresh arrays."""
+        batch = self._observer.empty(len(self.possible_agents))
+        self._observer.write(self.simulator.state, np.array([self._numbers[agent] for agent in agents]), batch)
+        observations = {agent: {name: values[self._numbers[agent]] for name, values in batch.items()} for agent in agents}
+        if self._flattened is None:
+            return observations
+        return {agent: spaces.flatten(self._flattened, observation) for agent, observation in observations.items()}
+
+    def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
+        """Return fresh information for the agents."""
+        masks = self.simulator.action_mask().reshape(-1, 6)
+        return {agent: {"action_mask": masks[self._numbers[agent]]} for agent in agents}
+
+    def _extend_paths(self) -> None:
+        """Add the UAVs' cells to the paths that `render` draws."""
+        if self.render_mode is not None:
+            cells: list[list[int]] = self.simulator.state.position[0].tolist()
+            for path, (r, c) in zip(self._paths, cells, strict=False):
+                path.append((r, c))
+
+
+def _state_space(scenario: Scenario) -> spaces.Box:
+    """Return the space of `UAVParallelEnv.state`."""
+    shape = (len(TEAM_LAYERS), *scenario.shape)
+    most = np.array([1.0, 1.0, 1.0, scenario.mission.largest_target, 1.0, scenario.budget[1]], dtype=np.float32)
+    return spaces.Box(np.zeros(shape, np.float32), np.broadcast_to(most[:, None, None], shape), dtype=np.float32)
+
+
+def aec_env(scenario: str | Path | Scenario, **kwargs: Any) -> AECEnv[str, Any, Any]:
+    """Return a team's environment with PettingZoo's other interface (AEC), by its own converter.
+
+    Parameters
+    ----------
+    scenario, **kwargs
+        As for `UAVParallelEnv`. UAVs still decide on what they saw before the step.
+    """
+    return cast("Any", parallel_to_aec)(UAVParallelEnv(scenario, **kwargs))
