@@ -2,51 +2,90 @@
 
 CPP: the cell from which the camera newly covers most per move that it takes to get there.
 DH: the device with most data left per action that it takes to get there and hover, hovered over until it is empty.
+
+In a team the best pair of UAV and goal is settled first, and what it will cover or empty is no goal for the others.
 """
 
 import numpy as np
 
 from uavbench.city import HOVER, LAND, OFFSETS
-from uavbench.missions.coverage import camera_gain
+from uavbench.missions.coverage import camera_gain, camera_views
 
 MOVES = [tuple(offset) for offset in OFFSETS[:4].tolist()]  # north, east, south, west
 
 
 class Agent:
-    """Chooses a goal anew at every decision."""
+    """Chooses goals anew at every decision."""
 
     track = "state"
 
     def __init__(self, scenario):
-        self._gains = self._coverage_gains if scenario.mission.kind == "coverage" else self._harvesting_gains
+        coverage = scenario.mission.kind == "coverage"
+        self._gains = self._coverage_gains if coverage else self._harvesting_gains
+        self._take = self._cover if coverage else self._empty
 
-    def act(self, observation, info):
-        """Return the first action of the way to the best goal; without one, of the way home."""
-        state = info["state"]
-        away, home = state.city.distances(state.position), state.city.home
-        actions = np.maximum(away, 1)  # a goal right here costs a hover
-        fits = (away >= 0) & (home >= 0) & (actions + home + 1 <= state.budget)  # + 1 to land
-        value = np.where(fits, self._gains(state) / actions, 0.0)
-        if not value.any():
-            return LAND if home[state.position] == 0 else self._step(state.position, self._nearer(home, state.position))
-        goal = divmod(int(np.argmax(value)), value.shape[1])
-        if goal == state.position:
-            return HOVER
-        while away[goal] > 1:
-            goal = self._nearer(away, goal)
-        return self._step(state.position, goal)
+    def act_team(self, observations, infos):
+        """Return the first action of each UAV's way to its goal; without one, of its way home."""
+        states = [info["state"] for info in infos]
+        goals = self._goals(states)
+        held = [state.position for state in states]
+        actions = []
+        for k, state in enumerate(states):  # in their order: the UAVs before have moved already
+            others = [cell for w, cell in enumerate(held) if w != k]
+            action = self._towards(state, goals[k], others) if k in goals else self._homeward(state, others)
+            actions.append(action)
+            if action < HOVER:
+                held[k] = self._neighbour(state.position, action)
+        return actions
 
-    def _coverage_gains(self, state):
+    def _goals(self, states):
+        """Return each UAV's goal, by its place in the team; none where no goal leaves time for the way home."""
+        city, targets = states[0].city, states[0].target.copy()
+        goals, waiting = {}, list(range(len(states)))
+        slack = 2 * (len(states) - 1)  # for being in each other's way
+        away = [city.distances(state.position) for state in states]
+        actions = [np.maximum(distance, 1) for distance in away]  # a goal right here costs a hover
+        fits = [
+            (distance >= 0) & (city.home >= 0) & (spent + city.home + 1 + slack <= state.budget)  # + 1 to land
+            for distance, spent, state in zip(away, actions, states, strict=True)
+        ]
+        while waiting:
+            gains = self._gains(states[0], targets)
+            values = {k: np.where(fits[k], gains / actions[k], 0.0) for k in waiting}
+            best = max(waiting, key=lambda k, values=values: values[k].max())
+            if not values[best].any():
+                break
+            goals[best] = divmod(int(np.argmax(values[best])), targets.shape[1])
+            self._take(states[0], targets, goals[best])
+            waiting.remove(best)
+        return goals
+
+    @staticmethod
+    def _coverage_gains(state, targets):
         """Return how many targets the camera would cover from each cell."""
-        return camera_gain(state.scenario, state.target)
+        return camera_gain(state.scenario, targets)
 
-    def _harvesting_gains(self, state):
+    @staticmethod
+    def _cover(state, targets, goal):
+        """Take from the targets what the camera sees from ``goal``."""
+        view, size = int(camera_views(state.scenario)[goal]), state.scenario.mission.camera_size
+        for bit in range(size * size):
+            if view >> bit & 1:
+                targets[goal[0] + bit // size - size // 2, goal[1] + bit % size - size // 2] = 0
+
+    def _harvesting_gains(self, state, targets):
         """Return the data left at the device that each cell is the best place for."""
-        gains = np.zeros(state.city.shape)
-        for cell, data in zip(state.device_cell.tolist(), state.device_data.tolist(), strict=True):
+        gains = np.zeros(targets.shape)
+        for cell in np.argwhere(targets).tolist():
             place = self._place(state.city, *cell)
-            gains[place] = max(gains[place], data)
+            gains[place] = max(gains[place], targets[tuple(cell)])
         return gains
+
+    def _empty(self, state, targets, goal):
+        """Take from the targets the devices that ``goal`` is the best place for."""
+        for cell in np.argwhere(targets).tolist():
+            if self._place(state.city, *cell) == goal:
+                targets[tuple(cell)] = 0
 
     @staticmethod
     def _place(city, r, c):
@@ -55,19 +94,44 @@ class Agent:
             return r, c
         rows, cols = np.indices(city.shape)
         distance = np.where(city.home >= 0, np.hypot(rows - r, cols - c), np.inf)
-        return np.unravel_index(np.argmin(distance), distance.shape)
+        return divmod(int(np.argmin(distance)), distance.shape[1])
 
-    @staticmethod
-    def _nearer(distance, cell):
+    def _homeward(self, state, others):
+        """Return the next action of the way home, around the others."""
+        home, cell = state.city.home, state.position
+        if home[cell] == 0:
+            return LAND
+        step = self._nearer(home, cell)
+        if step not in others:
+            return self._move(cell, step)
+        away = state.city.distances(cell, avoid=others)
+        free = np.where(state.city.landing & (away >= 0), away, away.size)
+        return self._towards(state, divmod(int(np.argmin(free)), free.shape[1]), others)
+
+    def _towards(self, state, goal, others):
+        """Return the next action of the way to ``goal``, around the others; wait where there is none."""
+        away = state.city.distances(state.position, avoid=others)
+        if away[goal] <= 0:
+            return HOVER
+        while away[goal] > 1:
+            goal = self._nearer(away, goal)
+        return self._move(state.position, goal)
+
+    def _nearer(self, distance, cell):
         """Return a neighbour of ``cell`` at one move less of ``distance``."""
-        for down, right in MOVES:
-            r, c = cell[0] + down, cell[1] + right
+        for action in range(4):
+            r, c = self._neighbour(cell, action)
             inside = 0 <= r < distance.shape[0] and 0 <= c < distance.shape[1]
             if inside and distance[r, c] == distance[cell] - 1:
                 return r, c
         raise AssertionError("distances go down by one at every move")
 
     @staticmethod
-    def _step(cell, neighbour):
+    def _neighbour(cell, action):
+        """Return the cell that a move leads to."""
+        return cell[0] + MOVES[action][0], cell[1] + MOVES[action][1]
+
+    @staticmethod
+    def _move(cell, neighbour):
         """Return the move from ``cell`` to ``neighbour``."""
         return MOVES.index((neighbour[0] - cell[0], neighbour[1] - cell[1]))

@@ -59,10 +59,67 @@ class Seer:
         assert observation["local"][3, middle, middle] == state.target[state.position]
         assert state.remaining <= state.total
         assert state.scenario.budget[1] >= state.budget
+        assert state.uav == info["uav"]
+        assert tuple(state.positions[state.uav]) == state.position
+        assert state.budgets[state.uav] == state.budget
+        assert state.active[state.uav]
+        others = [u for u in np.flatnonzero(state.active) if u != state.uav]
+        for u in others:
+            r, c = state.positions[u] - state.position + middle
+            if 0 <= r <= 2 * middle and 0 <= c <= 2 * middle:
+                assert observation["local"][4, r, c] == 1
+                assert observation["local"][5, r, c] == state.budgets[u]
         if state.scenario.mission.kind == "harvesting":
             assert len(state.device_cell) == len(state.device_data)
             assert np.isclose(state.device_data.sum(), state.remaining)
         return 5 if state.city.landing[state.position] and state.budget < 8 else 4
+
+
+class Together(One):
+    """The same as One, for a whole team at once."""
+
+    track = "state"
+
+    def act_team(self, observations, infos):
+        assert [info["uav"] for info in infos] == np.flatnonzero(infos[0]["state"].active).tolist()
+        assert len({info["episode"] for info in infos}) == 1
+        return [self.act(observation, info) for observation, info in zip(observations, infos, strict=True)]
+
+
+class OnlyTogether:
+    """Decides for teams alone, and so for teams of one."""
+
+    track = "state"
+
+    def __init__(self, scenario):
+        pass
+
+    def act_team(self, observations, infos):
+        return [5 if info["action_mask"][5] and info["state"].budget < 20 else 4 for info in infos]
+
+
+class TooMany(OnlyTogether):
+    def act_team(self, observations, infos):
+        return [4] * (len(infos) + 1)
+
+
+class WrongTogether(OnlyTogether):
+    def act_team(self, observations, infos):
+        return [4 if info["uav"] != 1 else 8 for info in infos]
+
+
+class TogetherButBlind(OnlyTogether):
+    track = "observation"
+
+
+class WrongAlone:
+    """Fails for one of the team."""
+
+    def __init__(self, scenario):
+        pass
+
+    def act(self, observation, info):
+        return 4 if info["uav"] != 1 else 8
 
 
 class Blind:

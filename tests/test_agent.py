@@ -27,6 +27,21 @@ def test_a_class_can_be_named():
 
 
 @pytest.mark.parametrize(
+    ("name", "alone", "team"),
+    [
+        ("One", "act", "act"),
+        ("Many", "act_batch", "act_batch"),
+        ("Together", "act", "act_team"),
+        ("OnlyTogether", "act_team", "act_team"),
+    ],
+)
+def test_it_decides_by_the_method_that_fits_the_scenario(name, alone, team):
+    source = find_agent(f"{AGENTS}:{name}")
+    assert source.call(load_scenario("Block8-CPP-v0")) == alone
+    assert source.call(load_scenario("Manhattan32-CPP-Team-v0")) == team
+
+
+@pytest.mark.parametrize(
     ("spec", "message"),
     [
         ("gredy", "built in are greedy, random"),
@@ -47,6 +62,7 @@ def test_what_is_not_there_is_refused(spec, message):
         (":not_a_class", "has no class not_a_class"),
         (":Mute", "has neither act"),
         (":Cheater", "track is 'everything'"),
+        (":TogetherButBlind", "act_team decides by all that the team sees: set track = 'state'"),
     ],
 )
 def test_what_does_not_keep_the_contract_is_refused(name, message):

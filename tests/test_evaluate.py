@@ -6,12 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import uavbench
 from uavbench import load_scenario
 from uavbench.agent import find_agent
-from uavbench.evaluate import AgentError, Job, evaluate
+from uavbench.evaluate import NO_ACTION, AgentError, Job, evaluate
 from uavbench.simulator import Simulator
+from uavbench.state_view import StateView
 
 AGENTS = Path(__file__).parent / "agents.py"
+TEAM = "Manhattan32-DH-Team-v0"
 
 
 def job(name, scenario="Block8-DH-v0", **changes):
@@ -22,12 +25,12 @@ def job(name, scenario="Block8-DH-v0", **changes):
 def scores(job, numbers=range(30), workers=1):
     """All that a record holds, but for the time it took."""
     return {
-        r.episode: (r.budget, r.steps, r.landed, r.cr, r.cral, r.blocked, r.total_reward, r.actions.tobytes())
+        r.episode: (r.uavs, r.budget, r.steps, r.landed, r.cr, r.cral, r.blocked, r.total_reward, r.actions.tobytes())
         for r in evaluate(job, numbers, workers)
     }
 
 
-@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Manhattan32-DH-v0"])
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Manhattan32-DH-v0", TEAM])
 def test_the_score_does_not_depend_on_batch_size_workers_order_or_kind_of_agent(scenario):
     expected = scores(job("One", scenario))
     assert len(expected) == 30
@@ -37,12 +40,36 @@ def test_the_score_does_not_depend_on_batch_size_workers_order_or_kind_of_agent(
     assert scores(job("One", scenario), range(29, -1, -1)) == expected
     assert scores(job("One", scenario), workers=2) == expected
     assert scores(job("Many", scenario, batch_size=4), workers=2) == expected
+    assert scores(job("Together", scenario)) == expected
 
 
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", TEAM])
 @pytest.mark.parametrize("name", ["random", "greedy"])
-def test_built_ins_do_not_depend_on_the_batch_either(name):
-    one = job(name, "Block8-CPP-v0")
-    assert scores(one, range(12)) == scores(job(name, "Block8-CPP-v0", batch_size=5), range(11, -1, -1))
+def test_built_ins_do_not_depend_on_the_batch_either(name, scenario):
+    assert scores(job(name, scenario), range(12)) == scores(job(name, scenario, batch_size=5), range(11, -1, -1))
+
+
+@pytest.mark.parametrize("scenario", ["Manhattan32-CPP-Team-v0", TEAM])
+def test_a_team_flies_as_in_its_environment(scenario):
+    """The actions of a record, flown through PettingZoo, give its numbers to the last bit."""
+    env = uavbench.parallel_env(scenario)
+    for record in evaluate(job("random", scenario), range(8)):
+        env.reset(options={"split": "test", "episode": record.episode})
+        assert len(env.agents) == record.uavs
+        assert env.simulator.state.budget[0, : record.uavs].sum() == record.budget
+        total = steps = 0
+        for row in record.actions.tolist():
+            assert [f"uav_{u}" for u, action in enumerate(row) if action != NO_ACTION] == env.agents
+            steps += len(env.agents)
+            _, rewards, _, _, infos = env.step({agent: row[int(agent[-1])] for agent in env.agents})
+            for reward in rewards.values():
+                total += reward
+        assert env.agents == []
+        assert (record.steps, record.total_reward) == (steps, total)
+        info = next(iter(infos.values()))
+        assert (record.landed, record.cr, record.cral, record.blocked) == tuple(
+            info[key] for key in ("landed", "cr", "cral", "blocked")
+        )
 
 
 def test_a_record_tells_what_happened():
@@ -61,9 +88,13 @@ def test_a_record_tells_what_happened():
         assert (record.steps, record.total_reward) == (len(record.actions), total)
 
 
-@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0"])
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0", TEAM])
 def test_the_state_track_shows_everything_and_nothing_can_be_written(scenario):
     assert len(scores(job("Seer", scenario), range(5))) == 5
+
+
+def test_an_agent_for_teams_flies_alone_too():
+    assert len(scores(job("OnlyTogether", "Block8-CPP-v0"), range(5))) == 5
 
 
 def test_the_observation_track_does_not_show_the_state():
@@ -91,6 +122,20 @@ def test_a_failing_agent_is_told_where_and_why(name, reason):
         assert 'raise RuntimeError("lost my way")' in message
         assert "agents.py" in message
         assert "evaluate.py" not in message
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("TooMany", "test episode 0, step 0: act_team() returned shape (4,), expected (3,)"),
+        ("WrongTogether", "test episode 0, step 0, UAV 1: act_team() returned np.int64(8), expected an integer from 0 to 5"),
+        ("WrongAlone", "test episode 0, step 0, UAV 1: act() returned 8, expected an integer from 0 to 5"),
+    ],
+)
+def test_who_of_a_team_fails_is_told(name, reason):
+    with pytest.raises(AgentError) as caught:
+        list(evaluate(job(name, "Urban50-DH-Team-v0"), range(3)))
+    assert reason in str(caught.value)
 
 
 def finished_before_failure(failing, workers=1):
@@ -145,9 +190,42 @@ def test_an_episode_that_is_not_there_is_refused(number):
 
 
 def test_greedy_beats_random_by_a_wide_margin_and_always_lands():
-    for scenario in ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0"):
+    teams = [name for name in uavbench.scenario_ids() if "Team" in name]
+    for scenario in ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0", *teams):
         greedy = list(evaluate(job("greedy", scenario), range(40)))
         chance = list(evaluate(job("random", scenario), range(40)))
         assert all(record.landed for record in greedy)
         assert np.mean([r.landed for r in chance]) > 0.6
         assert np.mean([r.cral for r in greedy]) > np.mean([r.cral for r in chance]) + 0.5
+
+
+def test_greedy_uavs_do_not_chase_the_same_target():
+    """At every decision each has a goal of its own, and none that another will have served."""
+    for name in ("Manhattan32-CPP-Team-v0", TEAM):
+        agent = find_agent("greedy").make(load_scenario(name))
+        env = uavbench.parallel_env(name, num_uavs=3)
+        several = 0
+        for episode in range(4):
+            env.reset(options={"split": "validation", "episode": episode})
+            for _ in range(25):
+                flying = [int(name[-1]) for name in env.agents]
+                if not flying:
+                    break
+                states = [StateView(env.simulator, 0, u) for u in flying]
+                goals = agent._goals(states)
+                assert len(set(goals.values())) == len(goals)
+                several += len(goals) == 3
+                actions = agent.act_team([{}] * len(flying), [{"state": state} for state in states])
+                env.step({f"uav_{u}": action for u, action in zip(flying, actions, strict=True)})
+        assert several > 20
+
+
+def test_more_uavs_do_more():
+    for mission in ("CPP", "DH"):
+        means = []
+        for number in (1, 2, 3):
+            world = load_scenario(f"Manhattan32-{mission}-Team-v0").with_uavs(number)
+            records = list(evaluate(Job(find_agent("greedy"), world, "test"), range(40)))
+            assert {record.uavs for record in records} == {number}
+            means.append(np.mean([record.cral for record in records]))
+        assert means[0] + 0.05 < means[1] < means[2]

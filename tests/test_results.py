@@ -10,7 +10,7 @@ import pytest
 
 from uavbench import load_scenario
 from uavbench.agent import find_agent
-from uavbench.evaluate import AgentError, Job
+from uavbench.evaluate import NO_ACTION, AgentError, Job
 from uavbench.metrics import summarise
 from uavbench.replay import compare_results, replay
 from uavbench.results import COLUMNS, ResultError, load_result
@@ -71,9 +71,44 @@ def test_episodes_csv_holds_every_episode(result):
     )
 
 
-@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0"])
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0"])
 def test_replay_reproduces_every_number(scenario, tmp_path):
     assert replay(run(job(scenario=scenario), N, tmp_path)) == []
+
+
+def test_replay_finds_actions_of_uavs_that_do_not_fly(tmp_path):
+    """What a UAV that is not there, or flies no more, is said to have done must be nothing."""
+    result = run(job("One", "Manhattan32-DH-Team-v0"), 6, tmp_path)
+    path = result.folder / "actions.npz"
+    with np.load(path) as table:
+        columns = dict(table)
+    absent, there = columns["actions"] == NO_ACTION, columns["actions"] != NO_ACTION
+    assert absent.any(axis=0).tolist() == [True, True, True]
+    for where, action in ((absent, 4), (absent, 7), (there, NO_ACTION)):
+        changed = columns["actions"].copy()
+        changed[tuple(np.argwhere(where)[0])] = action
+        np.savez(path, **{**columns, "actions": changed})
+        assert any("does not hold the actions of a whole episode" in line for line in replay(load_result(result.folder)))
+    np.savez(path, **{**columns, "actions": columns["actions"][:, :2]})
+    assert len(replay(load_result(result.folder))) == 6
+
+
+def test_teams_are_compared_and_resumed(tmp_path):
+    team = "Manhattan32-DH-Team-v0"
+    first = run(job("greedy", team), N, tmp_path)
+    assert compare_results(first, run(job("random", team), N, tmp_path))["cral"].difference.mean > 0.3
+    stopped = run(job("Together", team), N, tmp_path / "whole")
+
+    class Interrupted(Exception):  # noqa: N818
+        pass
+
+    def interrupt(record):
+        if record.episode == 9:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        run(job("Together", team), N, tmp_path / "parts", on_record=interrupt)
+    assert files(run(job("Together", team), N, tmp_path / "parts", resume=True).folder) == files(stopped.folder)
 
 
 def tamper_table(folder, column, change):

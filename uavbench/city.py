@@ -1,6 +1,6 @@
 """The static world of a scenario: its layers, lines of sight and distances."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -49,9 +49,21 @@ class City:
             if isinstance(array, np.ndarray):
                 array.flags.writeable = False
 
-    def distances(self, cell: Sequence[int]) -> NDArray[np.int32]:
-        """Return the moves from ``cell`` to every cell, around no-fly cells; shape (M, N), −1 where there is no way."""
-        return _distances(self.no_fly, np.array([cell], dtype=np.int32))
+    def distances(self, cell: Sequence[int], avoid: Iterable[tuple[int, int]] = ()) -> NDArray[np.int32]:
+        """Return the moves from ``cell`` to every cell; shape (M, N), −1 where there is no way.
+
+        Parameters
+        ----------
+        cell : (int, int)
+            Where the way begins.
+        avoid : iterable of (int, int)
+            Cells that it must go around besides the no-fly cells: those of other UAVs.
+        """
+        closed = self.no_fly
+        for n, held in enumerate(avoid):
+            closed = closed if n else closed.copy()
+            closed[held] = True
+        return _distances(closed, np.array([cell], dtype=np.int32))
 
     def visible(self, cell: Sequence[int]) -> NDArray[np.bool_]:
         """Return the cells that a ray from ``cell`` reaches before its first building; shape (M, N)."""

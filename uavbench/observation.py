@@ -87,12 +87,11 @@ class Observer:
             out["global"],
             out["budget"],
         )
-        if self.layers is TEAM_LAYERS:
+        if self.layers == TEAM_LAYERS:
+            half, (rows, cols) = self._local_size // 2, state.target.shape[1:]
             if self._local_size:
-                half = self._local_size // 2
-                _write_team(state, index, half, half, 1, out["local"])
-            rows, cols = state.target.shape[1:]
-            _write_team(state, index, rows - 1, cols - 1, self._scale, out["global"])
+                _write_team(state.position, state.budget, state.done, index, half, half, 1, out["local"])
+            _write_team(state.position, state.budget, state.done, index, rows - 1, cols - 1, self._scale, out["global"])
 
 
 def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, int, int]) -> _Tables:
@@ -187,34 +186,48 @@ def _write_global(
 
 
 @kernel
-def _write_team(state: State, index: NDArray[np.int64], up: int, left: int, scale: int, out: NDArray[np.float32]) -> None:
+def _write_team(
+    position: NDArray[np.int32],
+    budget: NDArray[np.int32],
+    done: NDArray[np.bool_],
+    index: NDArray[np.int64],
+    up: int,
+    left: int,
+    scale: int,
+    out: NDArray[np.float32],
+) -> None:
     """Write the last two layers of a map: the other active UAVs, and their budgets at their cells.
 
     The map begins ``up`` and ``left`` cells from the UAV, and one cell of it is the mean of ``scale``×``scale``.
     """
-    uavs, first = state.position.shape[1], out.shape[1] - 2
+    uavs, first = position.shape[1], out.shape[1] - 2
+    area = np.float32(scale * scale)
+    place = np.empty((uavs, 2), dtype=np.int64)
     for n in index:
         i, u = n // uavs, n % uavs
         others = out[n, first:]
-        others[:] = 0.0
+        _clear(others.reshape(-1))
         for w in range(uavs):
-            if w == u or state.done[i, w]:
+            place[w, 0] = (position[i, w, 0] - position[i, u, 0] + up) // scale  # rounded down: negative off the map
+            place[w, 1] = (position[i, w, 1] - position[i, u, 1] + left) // scale
+        for w in range(uavs):
+            y, x = place[w]
+            if w == u or done[i, w] or not (0 <= y < others.shape[1] and 0 <= x < others.shape[2]):
                 continue
-            down = state.position[i, w, 0] - state.position[i, u, 0] + up
-            right = state.position[i, w, 1] - state.position[i, u, 1] + left
-            y, x = down // scale, right // scale  # rounded down: negative off the map
-            if 0 <= y < others.shape[1] and 0 <= x < others.shape[2]:
-                others[0, y, x] += 1.0
-                others[1, y, x] += state.budget[i, w]
-        if scale > 1:
-            _divide(others.reshape(-1), scale * scale)
+            number = actions = 0  # of all that share the cell: a mean is rounded once
+            for v in range(uavs):
+                if v != u and not done[i, v] and place[v, 0] == y and place[v, 1] == x:
+                    number += 1
+                    actions += budget[i, v]
+            others[0, y, x] = np.float32(number) / area
+            others[1, y, x] = np.float32(actions) / area
 
 
 @kernel
-def _divide(values: NDArray[np.float32], by: float) -> None:
-    """Divide all values."""
+def _clear(values: NDArray[np.float32]) -> None:
+    """Set all values to 0."""
     for x in range(len(values)):
-        values[x] /= np.float32(by)
+        values[x] = 0.0
 
 
 @kernel

@@ -45,13 +45,13 @@ def read_start(value: Any, scenario: Scenario, city: City, uavs: int) -> NDArray
 def read_budget(value: Any, scenario: Scenario, uavs: int) -> NDArray[np.int32]:
     """Return budgets, shape (uavs,), from an integer, or in a team also a list of one for each UAV."""
     most = scenario.budget[1]
-    each: list[Any] = list(value) if scenario.team and _listed(value) else [value]
-    if len(each) not in (1, uavs):
+    each: list[Any] = list(value) if scenario.team and _listed(value) else [value] * uavs
+    if len(each) != uavs:
         raise ValueError(f"budget: {len(each)} of them for {uavs} UAVs; give one for all, or one for each")
     for budget in each:
         if not _integer(budget) or not 1 <= budget <= most:
             raise ValueError(f"budget: {budget!r} is not an integer from 1 to {most}, the scenario's largest")
-    return np.broadcast_to(np.array(each, dtype=np.int32), uavs)
+    return np.array(each, dtype=np.int32)
 
 
 def read_noise(options: Mapping[str, Any]) -> bool:
