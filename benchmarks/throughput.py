@@ -15,8 +15,11 @@ import gymnasium as gym
 import numpy as np
 
 import uavbench
+from uavbench.observation import Observer
+from uavbench.simulator import Simulator
 
 NAMES = ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0")
+TEAMS = ("Manhattan32-CPP-Team-v0", "Urban50-CPP-Team-v0", "Manhattan32-DH-Team-v0", "Urban50-DH-Team-v0")
 NUM_ENVS = 256
 STEPS = 60
 
@@ -76,6 +79,36 @@ class Single:
         self.best = min(self.best, seconds(lambda: [self.env.step(k % 5) for k in range(100)]) / 100)
 
 
+class Teams:
+    """256 teams of ``uavs`` in one simulator, and one team in its environment, under random actions but ``land``."""
+
+    def __init__(self, name, uavs):
+        self.scenario = uavbench.load_scenario(name).with_uavs(uavs)
+        self.simulator, self.observer = Simulator(self.scenario, NUM_ENVS), Observer(self.scenario)
+        self.simulator.reset(np.arange(NUM_ENVS), "train", np.arange(NUM_ENVS))
+        self.actions = np.random.default_rng(0).integers(0, 5, (STEPS, NUM_ENVS, uavs))
+        self.env = uavbench.parallel_env(self.scenario)
+        self.next, self.batch, self.single = NUM_ENVS, np.inf, np.inf
+
+    def measure(self):
+        """Step both and keep the best."""
+        self.batch = min(self.batch, seconds(self._step) / STEPS / NUM_ENVS)
+        self.env.reset(seed=0, options={"budget": self.scenario.budget[1]})
+        actions = [dict.fromkeys(self.env.agents, k % 5) for k in range(100)]
+        self.single = min(self.single, seconds(lambda: [self.env.step(each) for each in actions]) / 100)
+
+    def _step(self):
+        everyone = np.arange(self.actions[0].size)
+        for row in self.actions:
+            self.simulator.step(row)
+            over = np.flatnonzero(self.simulator.state.done.all(axis=1))
+            if len(over):
+                self.simulator.reset(over, "train", np.arange(self.next, self.next + len(over)))
+                self.next += len(over)
+            self.simulator.action_mask()
+            self.observer.write(self.simulator.state, everyone, self.observer.empty(len(everyone)))
+
+
 def process(*words):
     """Return the best wall time of a new Python process."""
     return min(seconds(lambda: subprocess.run([sys.executable, *words], check=True, capture_output=True)) for _ in range(7))
@@ -94,11 +127,20 @@ def main():
     print("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |")
     batches = {(name, most): Batch(name, most) for name in NAMES for most in (4, 5)}
     singles = {name: Single(name) for name in NAMES}
+    teams = {(name, uavs): Teams(name, uavs) for name in TEAMS for uavs in (1, 3)}
     for _ in range(rounds):
-        for measured in (*batches.values(), *singles.values()):
+        for measured in (*batches.values(), *singles.values(), *teams.values()):
             measured.measure()
     for (name, most), batch in batches.items():
         print(f"| {name} | {batch.row('all' if most == 5 else 'all but land')} | {1e6 * singles[name].best:.1f} |")
+    print("\n| scenario | 256 teams: one UAV, µs/step | three | ratio | `ParallelEnv.step`: one, µs | three | ratio |")
+    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
+    for name in TEAMS:
+        one, three = teams[name, 1], teams[name, 3]
+        print(
+            f"| {name} | {1e6 * one.batch:.2f} | {1e6 * three.batch:.2f} | {three.batch / one.batch:.2f} | "
+            f"{1e6 * one.single:.1f} | {1e6 * three.single:.1f} | {three.single / one.single:.2f} |"
+        )
     print(f"\n`import uavbench` {process('-c', 'import uavbench'):.2f} s, ", end="")
     print(f"`uavbench --help` {process('-c', 'from uavbench.cli import app; app()', '--help'):.2f} s")
 

@@ -5,36 +5,38 @@ Usage: python docs/make_pictures.py
 
 from pathlib import Path
 
-import gymnasium as gym
 import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-import uavbench  # noqa: F401  (registers the ids)
+import uavbench
 from uavbench.agent import find_agent
 from uavbench.state_view import StateView
 
-FLIGHTS = (("Manhattan32-CPP-v0", 17), ("Urban50-DH-v0", 17))
+FLIGHTS = (("Manhattan32-CPP-v0", 17), ("Urban50-DH-v0", 17), ("Urban50-CPP-Team-v0", 13))
 
 
 def fly(name, episode):
     """Fly a test episode with greedy; return the frames before and after, and what happened."""
-    env = gym.make(f"uavbench/{name}", render_mode="rgb_array").unwrapped
+    env = uavbench.parallel_env(name, render_mode="rgb_array")
     agent = find_agent("greedy").make(env.scenario)
-    observation, info = env.reset(options={"split": "test", "episode": episode})
-    before, terminated = env.render(), False
-    state = StateView(env.simulator, 0)
-    while not terminated:
-        observation, _, terminated, _, info = env.step(agent.act(observation, {**info, "state": state}))
-    steps = env.simulator.state.initial_budget[0, 0] - env.simulator.state.budget[0, 0]
-    budget = env.simulator.state.initial_budget[0]
-    return before, env.render(), f"{name}, test episode {episode}: {steps} of {budget} actions, CR {info['cr']:.2f}"
+    observations, infos = env.reset(options={"split": "test", "episode": episode})
+    before, state = env.render(), env.simulator.state
+    while env.agents:
+        told = [{**infos[name], "state": StateView(env.simulator, 0, int(name[-1]))} for name in env.agents]
+        actions = agent.act_team([observations[name] for name in env.agents], told)
+        observations, _, _, _, infos = env.step(dict(zip(env.agents, actions, strict=True)))
+    uavs = int(state.uavs[0])
+    budget, left = state.initial_budget[0, :uavs].sum(), state.budget[0, :uavs].sum()
+    cr = next(iter(infos.values()))["cr"]
+    team = f", {uavs} UAVs" if env.scenario.team else ""
+    return before, env.render(), f"{name} #{episode}{team}: {budget - left} of {budget} actions, CR {cr:.2f}"
 
 
 def main():
     """Draw the figure."""
-    figure, axes = plt.subplots(2, 2, figsize=(8, 8.4), layout="constrained")
+    figure, axes = plt.subplots(len(FLIGHTS), 2, figsize=(8, 4.2 * len(FLIGHTS)), layout="constrained")
     for row, flight in zip(axes, FLIGHTS, strict=True):
         *frames, title = fly(*flight)
         for axis, frame, name in zip(row, frames, ("start", title), strict=True):

@@ -14,9 +14,12 @@ from uavbench.run import run
 README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
 
 
+RESTS = ("CPP-v0", "DH-v0", "CPP-Team-v0", "DH-Team-v0")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("agent", ["random", "greedy"])
-@pytest.mark.parametrize("name", ["Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0"])
+@pytest.mark.parametrize("name", [f"{city}-{rest}" for city in ("Manhattan32", "Urban50") for rest in RESTS])
 def test_the_scores_are_what_evaluate_prints(agent, name, tmp_path):
     result = run(Job(find_agent(agent), load_scenario(name), "test"), 1000, tmp_path)
     row = next(line for line in README.splitlines() if line.startswith(f"| {name} | `{agent}` |"))

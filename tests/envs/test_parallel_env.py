@@ -224,12 +224,14 @@ def test_the_whole_state_is_shown_to_a_centralised_critic():
 def test_options_pick_and_set_an_episode():
     env = uavbench.parallel_env(DH)
     observations, infos = env.reset(options={"split": "test", "episode": 17})
-    assert {(info["split"], info["episode_number"]) for info in infos.values()} == {("test", 17)}
+    assert {info["episode_number"] for info in infos.values()} == {17}
+    assert env.episode == ("test", 17)
     again, _ = env.reset(options={"split": "test", "episode": 17, "no such option": 1})  # PettingZoo's tests pass one
     assert data_equivalence(observations, again, exact=True)
     starts = [[22, 22], [28, 24]]
     _, infos = env.reset(options={"num_uavs": 2, "start": starts, "budget": [3, 200]})
-    assert infos["uav_0"]["split"] == "custom"
+    assert infos["uav_0"]["episode_number"] == -1
+    assert env.episode == ("custom", -1)
     assert env.simulator.state.position[0, :2].tolist() == starts
     assert env.simulator.state.budget[0, :2].tolist() == [3, 200]
     env.reset(options={"num_uavs": 3, "budget": 9})

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pettingzoo.utils import parallel_to_aec  # pyright: ignore[reportMissingTypeStubs]
 from pettingzoo.utils.env import AECEnv, ParallelEnv  # pyright: ignore[reportMissingTypeStubs]
 
-from uavbench.city import HOVER
+from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.envs.core import (
     METADATA,
     action_space,
@@ -66,9 +66,10 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
 
     Information
     -----------
-    For each UAV always ``action_mask``, int8 (6,): 0 where an action cannot have its effect, because of the map or of a UAV
-    that moves later. After ``reset`` also ``split`` and ``episode_number``. At the end of the episode, for those that flew
-    until then, the team's ``landed`` (all of them), ``cr``, ``cral`` and ``blocked``.
+    For each UAV ``action_mask``, int8 (6,): 0 where an action cannot have its effect, because of the map or of a UAV that
+    moves later; and the team's ``landed`` (all of them), ``cr``, ``cral`` and ``blocked`` so far, at the end of the episode
+    its score. After ``reset`` also ``episode_number``; `episode` tells the split besides. All of it numbers: TorchRL turns
+    them into tensors, and takes no key that was not there after ``reset``.
 
     Parameters
     ----------
@@ -127,6 +128,11 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self._generator: np.random.Generator | None = None
         self._paths: list[list[tuple[int, int]]] = []
 
+    @property
+    def episode(self) -> tuple[str, int]:
+        """Split and number of the running episode; ``("custom", -1)`` when it was set by hand."""
+        return self.simulator.episode(0)
+
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the space of an agent's observations, the same object at every call."""
         return self._observation_spaces[agent]
@@ -165,10 +171,9 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self.agents = self.possible_agents[: int(simulator.state.uavs[0])]
         self._paths = [[] for _ in self.agents]
         self._extend_paths()
-        split, number = simulator.episode(0)
         infos = self._infos(self.agents)
         for info in infos.values():
-            info.update(split=split, episode_number=number)
+            info["episode_number"] = self.episode[1]
         return self._observe(self.agents), infos
 
     def step(
@@ -191,13 +196,8 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self._extend_paths()
         done = {agent: bool(state.done[0, self._numbers[agent]]) for agent in acting}
         self.agents = [agent for agent in acting if not done[agent]]
-        infos = self._infos(acting)
-        if not self.agents:
-            outcome = {name: values[0].item() for name, values in simulator.outcomes(_SLOT).items()}
-            for info in infos.values():
-                info.update(outcome)
         rewards = {agent: float(state.reward[0, self._numbers[agent]]) for agent in acting}
-        return self._observe(acting), rewards, done, dict.fromkeys(acting, False), infos
+        return self._observe(acting), rewards, done, dict.fromkeys(acting, False), self._infos(acting)
 
     def state(self) -> NDArray[np.float32]:
         """Return the whole state for a centralised critic, float32 (6, M, N): the layers of a team, not centred."""
@@ -255,8 +255,9 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
 
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
         """Return fresh information for the agents."""
-        masks = self.simulator.action_mask().reshape(-1, 6)
-        return {agent: {"action_mask": masks[self._numbers[agent]]} for agent in agents}
+        masks = self.simulator.action_mask().reshape(-1, NUM_ACTIONS)
+        outcome = {name: values[0].item() for name, values in self.simulator.outcomes(_SLOT).items()}
+        return {agent: {"action_mask": masks[self._numbers[agent]], **outcome} for agent in agents}
 
     def _extend_paths(self) -> None:
         """Add the UAVs' cells to the paths that `render` draws."""

@@ -29,5 +29,7 @@ class Agent:
         observation["global"]  (4, h, w) float32: the same layers of the whole centred map, averaged g×g
         observation["budget"]  (1,) float32: actions left; landed before it is 0, or crashed
         info["action_mask"]    (6,) int8: 1 where the action has its effect (not blocked; land only in a landing zone)
+
+        In a team it is asked for each UAV, info["uav"], in turn; the maps have two layers more: other UAVs, their budgets.
         """
         return self.random.choice(np.flatnonzero(info["action_mask"]))
