@@ -2,6 +2,7 @@
 
 import shutil
 
+import numpy as np
 import pytest
 from worlds import scenario
 
@@ -44,6 +45,10 @@ def test_all_ids_load():
         ("Urban50-CPP-v0", (40, 60, 636, 1764), (150, 250)),
         ("Urban50-DH-v0", (40, 60, 636, 1764), (100, 200)),
         ("Urban50-DH-Long-v0", (40, 60, 636, 1764), (150, 300)),
+        ("Manhattan32-CPP-Team-v0", (18, 70, 254, 682), (50, 150)),
+        ("Manhattan32-DH-Team-v0", (18, 70, 254, 682), (50, 150)),
+        ("Urban50-CPP-Team-v0", (40, 60, 636, 1764), (150, 250)),
+        ("Urban50-DH-Team-v0", (40, 60, 636, 1764), (100, 200)),
     ],
 )
 def test_the_papers_scenarios_have_the_papers_values(name, counts, budget):
@@ -51,6 +56,7 @@ def test_the_papers_scenarios_have_the_papers_values(name, counts, budget):
     cells = "".join(found.rows)
     assert tuple(cells.count(kind) for kind in "LN#.") == counts
     assert found.budget == budget
+    assert found.uavs == ((1, 3) if "Team" in name else None)
     coverage = found.mission.kind == "coverage"
     assert found.rewards.movement == (-0.1 if name.startswith("Urban50-DH") else -0.2)
     assert (found.rewards.safety, found.rewards.crash) == (-1, -150)
@@ -176,6 +182,53 @@ def test_frozen_episodes_of_another_map_or_budget_are_refused(tmp_path):
             path.write_text(path.read_text().replace(old, new, 1).replace(f'id = "{name}"', 'id = "Mine-v0"'))
             with pytest.raises(ScenarioError, match=r"splits\.test\.file: its episodes do not fit"):
                 Simulator(load_scenario(path), 1).reset([0], "test", [0])
+
+
+@pytest.mark.parametrize(("old", "new"), [("[1, 3]", "[1, 4]"), ("uavs = [1, 3]\n", "")])
+def test_frozen_episodes_of_other_teams_are_refused(tmp_path, old, new):
+    from uavbench.simulator import Simulator
+
+    name = "Manhattan32-DH-Team-v0"
+    shutil.copytree(scenario_paths()[name].parent, tmp_path / "scenarios")
+    path = tmp_path / "scenarios" / f"{name}.toml"
+    path.write_text(path.read_text().replace(old, new, 1).replace(f'id = "{name}"', 'id = "Mine-v0"'))
+    with pytest.raises(ScenarioError, match=r"splits\.test\.file: its episodes do not fit"):
+        Simulator(load_scenario(path), 1).reset([0], "test", [0])
+
+
+@pytest.mark.parametrize(
+    ("uavs", "reason"),
+    [
+        ("[1, 5]", "uavs: up to 5 start in landing cells of their own, and the map has 2"),
+        ("[2, 1]", "uavs: the lower bound 2 exceeds the upper bound 1"),
+        ("[0, 1]", "uavs.0"),
+        ("[1, 17]", "uavs.1"),
+        ("[1]", "uavs"),
+        ("2", "uavs: expected a pair"),
+        ('["1", "2"]', "uavs.0"),
+    ],
+)
+def test_a_team_must_be_possible(own, uavs, reason):
+    edit(own, "budget = [10, 30]", f"budget = [10, 30]\nuavs = {uavs}")
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(own)
+    assert reason in str(caught.value)
+
+
+def test_a_team_of_ones_own_is_frozen_and_flown(own):
+    from uavbench import parallel_env
+    from uavbench.freeze import freeze
+
+    edit(own, "budget = [10, 30]", "budget = [10, 30]\nuavs = [2, 2]")
+    drawn = parallel_env(own)
+    flights = [drawn.reset(options={"split": "test", "episode": k})[0] for k in range(5)]
+    assert list(flights[0]) == ["uav_0", "uav_1"]
+    own.write_text(own.read_text() + "\n" + freeze(load_scenario(own)))
+    frozen = parallel_env(own)
+    for k, expected in enumerate(flights):
+        found, _ = frozen.reset(options={"split": "test", "episode": k})
+        for agent, observation in expected.items():
+            assert all(np.array_equal(values, found[agent][name]) for name, values in observation.items())
 
 
 def test_the_digest_follows_the_observation():

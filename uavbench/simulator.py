@@ -146,7 +146,7 @@ class Simulator:
         chosen = np.asarray(actions)
         if chosen.shape != self._shape or chosen.dtype.kind not in "iu":
             raise ValueError(f"actions: {chosen.dtype} of shape {chosen.shape}, expected integers, {self._shape}")
-        actions = chosen.astype(np.int64, copy=False).reshape(self.num_envs, -1)
+        actions = chosen.astype(np.int64, order="C").reshape(self.num_envs, -1)
         state, city, mission = self.state, self.city, self.mission
         for uav in range(actions.shape[1]):
             wrong = _move(
