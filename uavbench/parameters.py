@@ -97,7 +97,7 @@ class Coverage(Record):
     @property
     def targets(self) -> str:
         """What the targets are, in a few words."""
-        return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of the cells"
+        return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of cells"
 
 
 class PathLoss(Record):
