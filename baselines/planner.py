@@ -1,0 +1,105 @@
+"""Planner: whole flights by simulated annealing, for one UAV or a team; the strongest built-in agent.
+
+CPP: planned once, the best of several searches, then flown. DH: planned on expected rates, and mended at every step from the
+data that are left. The knobs are the agent's attributes.
+"""
+
+from uavbench.city import HOVER, LAND, OFFSETS
+from uavbench.planning import coverage, harvesting
+
+MOVES = [tuple(offset) for offset in OFFSETS[:5].tolist()]  # north, east, south, west, hover
+
+
+class Agent:
+    """Follows the best flights that it finds."""
+
+    track = "state"
+
+    changes = 500_000  # tried in each search at the start
+    mending_changes = 4_000  # tried at every step in DH
+    mending_heat = 0.3  # data units: a temperature that mends a flight and does not forget it
+
+    def __init__(self, scenario):
+        self._scenario = scenario
+        self._harvests = scenario.mission.kind == "harvesting"
+        self.searches = 2 if self._harvests else 6  # at the start, of which the best counts
+
+    def reset(self, info):
+        """Begin an episode."""
+        self._seed = info["seed"] & 0xFFFFFFFF
+        self._flights = {}
+
+    def act_team(self, observations, infos):
+        """Return the next action of each UAV's flight."""
+        states = [info["state"] for info in infos]
+        if not self._flights:
+            self._plan(states)
+        elif self._harvests:
+            self._mend(states)
+        held = [state.position for state in states]
+        actions = []
+        for k, state in enumerate(states):  # in their order: the UAVs before have moved already
+            others = [cell for w, cell in enumerate(held) if w != k]
+            self._flights[state.uav] = flight = self._around(state, self._flights[state.uav], others)
+            if len(flight) == 1:
+                actions.append(LAND if state.city.landing[state.position] else HOVER)
+                continue
+            here, there = flight[:2]
+            actions.append(MOVES.index((there[0] - here[0], there[1] - here[1])))
+            held[k] = there
+            self._flights[state.uav] = flight[1:]
+        return actions
+
+    def _plan(self, states):
+        """Search several times for the flights of the whole team, and keep the best."""
+        if self._harvests:
+            self._rates = harvesting.expected_rates(self._scenario, states[0].device_cell)
+        plans = [self._search(states, self._seed + k, self.changes) for k in range(self.searches)]
+        best = max(plans, key=lambda plan: plan.value)
+        self._flights = {state.uav: flight for state, flight in zip(states, best.flights, strict=True)}
+
+    def _mend(self, states):
+        """Search on from the flights as they are, with the data as they are."""
+        first = [self._flights[state.uav] for state in states]
+        plan = self._search(states, self._seed, self.mending_changes, first=first, hot=self.mending_heat)
+        self._flights = {state.uav: flight for state, flight in zip(states, plan.flights, strict=True)}
+
+    def _search(self, states, seed, changes, **more):
+        """Search for flights; each UAV of a team keeps some actions for being in another's way."""
+        starts, slack = [state.position for state in states], 2 * (len(states) - 1)
+        needed = [len(flight) for flight in more.get("first", ())] or [int(s.city.home[s.position]) + 1 for s in states]
+        budgets = [max(state.budget - slack, need) for state, need in zip(states, needed, strict=True)]
+        if self._harvests:
+            devices, data = states[0].device_cell, states[0].device_data
+            return harvesting.search(
+                self._scenario, self._rates, devices, data, starts, budgets, seed=seed, moves=changes, **more
+            )
+        return coverage.search(self._scenario, states[0].target, starts, budgets, seed=seed, moves=changes, **more)
+
+    @staticmethod
+    def _around(state, flight, others):
+        """Return the flight, around the others if one of them is in its way."""
+        here = state.position
+        if flight[0] != here:  # nothing is meant to bring a UAV off its flight; if something does, it goes home
+            flight = [here]
+        elif len(flight) == 1 or flight[1] not in others:
+            return flight
+        away = state.city.distances(here, avoid=others)
+        for k in range(2, len(flight)):
+            if away[flight[k]] > 0 and away[flight[k]] + len(flight) - k <= state.budget:
+                return _way(state.city, away, flight[k]) + flight[k + 1 :]
+        if len(flight) > 1 and len(flight) < state.budget:
+            return [here, *flight]  # wait
+        homes = [cell for cell in map(tuple, state.city.landing_cells.tolist()) if 0 <= away[cell] < state.budget]
+        return _way(state.city, away, min(homes, key=lambda cell: away[cell])) if homes else [here, *flight]
+
+
+def _way(city, away, goal):
+    """Return the cells from where ``away`` is 0 to ``goal``."""
+    way = [goal]
+    while away[way[-1]] > 0:
+        r, c = way[-1]
+        near = [(r + down, c + right) for down, right in MOVES[:4]]
+        inside = [cell for cell in near if 0 <= cell[0] < city.shape[0] and 0 <= cell[1] < city.shape[1]]
+        way.append(next(cell for cell in inside if away[cell] == away[r, c] - 1))
+    return way[::-1]

@@ -1,0 +1,84 @@
+"""The planner: always home, better than greedy, for one UAV and for teams. Its searches are tested in tests/planning."""
+
+import numpy as np
+import pytest
+from worlds import COVERAGE, HARVESTING, scenario
+
+import uavbench
+from uavbench import load_scenario
+from uavbench.agent import find_agent
+from uavbench.envs.parallel_env import UAVParallelEnv
+from uavbench.state_view import StateView
+
+
+def fly(name, world, seed=1, changes=100_000, **options):
+    """Fly an episode with a built-in that plans for teams; return the last info and the actions."""
+    env = world if isinstance(world, UAVParallelEnv) else UAVParallelEnv(world)
+    agent = find_agent(name).make(env.scenario)
+    agent.changes, agent.searches, agent.mending_changes = changes, 1, 300
+    observations, infos = env.reset(seed=0, options=options)
+    flown = []
+    told = {k: {"seed": seed, "uav": k, "state": StateView(env.simulator, 0, k)} for k in range(len(env.agents))}
+    if hasattr(agent, "reset"):
+        agent.reset(told[0])
+    while env.agents:
+        flying = [int(each[-1]) for each in env.agents]
+        actions = agent.act_team([observations[each] for each in env.agents], [told[k] for k in flying])
+        flown.append(actions)
+        observations, _, _, _, infos = env.step(dict(zip(env.agents, actions, strict=True)))
+    return next(iter(infos.values())), flown
+
+
+@pytest.mark.parametrize("name", [f"{city}-{mission}-v0" for city in ("Manhattan32", "Urban50") for mission in ("CPP", "DH")])
+def test_always_lands_and_beats_greedy(name):
+    world, better = load_scenario(name), []
+    for number in range(6):
+        ours, _ = fly("planner", world, split="validation", episode=number)
+        theirs, _ = fly("greedy", world, split="validation", episode=number)
+        assert ours["landed"]
+        better.append(ours["cral"] - theirs["cral"])
+    assert np.mean(better) > 0.01  # with a thirtieth of the default effort
+
+
+@pytest.mark.parametrize("mission", ["CPP", "DH"])
+def test_teams_always_land_and_beat_greedy(mission):
+    env, better = uavbench.parallel_env(f"Manhattan32-{mission}-Team-v0"), []
+    for number in range(6):
+        ours, _ = fly("planner", env, split="validation", episode=number)
+        theirs, _ = fly("greedy", env, split="validation", episode=number)
+        assert ours["landed"]
+        better.append(ours["cral"] - theirs["cral"])
+    assert np.mean(better) > 0.0
+
+
+def test_the_same_seed_flies_the_same():
+    for name in ("Block8-CPP-v0", "Block8-DH-v0"):
+        world = load_scenario(name)
+        flights = [fly("planner", world, seed=s, split="test", episode=3)[1] for s in (5, 5)]
+        assert flights[0] == flights[1]
+
+
+@pytest.mark.parametrize("budget", [1, 2, 3, 30])
+@pytest.mark.parametrize("kind", ["coverage", "harvesting"])
+def test_lands_whatever_there_is_to_do(kind, budget):
+    rows = ("N....", "NLL..", "N....", "..###", "..#.#")
+    if kind == "coverage":
+        targets = np.zeros((5, 5), bool)
+        targets[4, 3] = True  # nobody gets there, nor sees it
+        info, _ = fly("planner", scenario(rows), start=[1, 1], budget=budget, targets=targets)
+    else:
+        info, _ = fly("planner", scenario(rows, HARVESTING), start=[1, 1], budget=budget, devices=[[4, 3, 5.0]])
+    assert info["landed"]
+
+
+@pytest.mark.parametrize("mission", [COVERAGE, HARVESTING])
+def test_uavs_in_each_others_way_in_a_corridor_land(mission):
+    world = scenario(("#########", "#LL.....#", "#########", "#########"), mission, uavs=(1, 2))
+    more = {"devices": [[1, 7, 5.0]]}
+    if mission is COVERAGE:
+        targets = np.zeros((4, 9), bool)
+        targets[1, 7] = True
+        more = {"targets": targets}
+    for budget in ([30, 30], [1, 30], [30, 2], [12, 5]):
+        info, _ = fly("planner", world, num_uavs=2, start=[[1, 1], [1, 2]], budget=budget, **more)
+        assert info["landed"]

@@ -1,0 +1,192 @@
+"""Coverage by simulated annealing over whole flights (Kirkpatrick, Gelatt, Vecchi, Science 1983).
+
+A flight is the sequence of cells from the start to a landing cell; it covers what the camera sees from each of them but the
+first. How often each target is seen is kept, so that a change recounts only what it changes.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.city import city_of
+from uavbench.kernel import kernel
+from uavbench.keyed import next_uniform
+from uavbench.missions.coverage import camera_views
+from uavbench.parameters import Coverage
+from uavbench.planning.changes import propose
+from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
+from uavbench.planning.paths import distance_table, pick
+from uavbench.scenario import Scenario
+
+_LENGTH_PRICE = 0.05  # targets that a move must be worth: shorter flights leave room for more
+HOT, _COLD = 2.0, 0.15
+
+
+def search(
+    scenario: Scenario,
+    target: NDArray[np.float32],
+    starts: Sequence[Cell],
+    budgets: Sequence[int],
+    *,
+    seed: int,
+    moves: int,
+    first: Sequence[Sequence[Cell]] | None = None,
+    hot: float = HOT,
+) -> Plan:
+    """Search for the flights that cover most together.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        A CPP scenario.
+    target : ndarray, shape (M, N)
+        The target map: what is above 0 is still to cover.
+    starts : sequence of (int, int)
+        Where the UAVs are; what one sees from there counts only if it comes back or hovers there.
+    budgets : sequence of int
+        Actions left; each UAV must be able to land with them.
+    seed : int
+        The search is the same for the same seed, on any machine.
+    moves : int
+        How many changes are tried.
+    first : sequence of flights, optional
+        What to start from: as in `Plan`.
+    hot : float
+        The temperature to begin with, in target cells: a low one only mends ``first``.
+    """
+    city = city_of(scenario)
+    seen, number = _targets_seen(scenario, target)
+    cursor = np.array([seed], dtype=np.uint64)
+    paths, lengths = pack(city, starts, budgets, first, cursor)
+    covered = _anneal(
+        paths,
+        lengths,
+        np.array(budgets, dtype=np.int64) - 1,
+        distance_table(city),
+        city.shape[1],
+        landing_numbers(city),
+        seen,
+        number,
+        np.flatnonzero(target > 0),
+        cursor,
+        moves,
+        hot,
+    )
+    return Plan(unpack(city, paths, lengths), float(covered))
+
+
+def _targets_seen(scenario: Scenario, target: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the targets that the camera sees from each cell, numbered in row-major order, and how many there are."""
+    views = camera_views(scenario)
+    rows, cols = views.shape
+    numbers = np.full((rows, cols), -1, dtype=np.int32)
+    numbers[target > 0] = np.arange((target > 0).sum())
+    assert isinstance(scenario.mission, Coverage)
+    size = scenario.mission.camera_size
+    seen = np.zeros((rows * cols, size * size), dtype=np.int32)
+    count = np.zeros(rows * cols, dtype=np.int32)
+    _list_seen(views, numbers, size // 2, seen, count)
+    return seen, count
+
+
+@kernel
+def _list_seen(
+    views: NDArray[np.uint64],
+    numbers: NDArray[np.int32],
+    reach: int,
+    seen: NDArray[np.int32],
+    count: NDArray[np.int32],
+) -> None:
+    """Write the numbers of the targets in each cell's view."""
+    rows, cols = views.shape
+    for r in range(rows):
+        for c in range(cols):
+            view = views[r, c]
+            for y in range(r - reach, r + reach + 1):
+                for x in range(c - reach, c + reach + 1):
+                    if view & np.uint64(1) and numbers[y, x] >= 0:
+                        seen[r * cols + c, count[r * cols + c]] = numbers[y, x]
+                        count[r * cols + c] += 1
+                    view >>= np.uint64(1)
+
+
+@kernel
+def _anneal(
+    paths: NDArray[np.int32],
+    lengths: NDArray[np.int64],
+    longest: NDArray[np.int64],
+    distance: NDArray[np.int16],
+    cols: int,
+    landing: NDArray[np.int32],
+    seen: NDArray[np.int32],
+    number: NDArray[np.int32],
+    targets: NDArray[np.int64],
+    cursor: NDArray[np.uint64],
+    moves: int,
+    hot: float,
+) -> int:
+    """Anneal the flights in place (cells 0 to ``lengths`` of each row); return what the best of them cover."""
+    counts = np.zeros(max(1, len(targets)), dtype=np.int32)
+    covered = 0
+    for u in range(len(paths)):
+        for k in range(1, lengths[u] + 1):
+            covered += _add(paths[u, k], seen, number, counts)
+    value = covered - _LENGTH_PRICE * lengths.sum()
+    best, best_lengths, best_covered, best_value = paths.copy(), lengths.copy(), covered, value
+    new = np.empty(2 * paths.shape[1] + 8 * len(number), dtype=np.int32)
+    tail = np.empty(paths.shape[1], dtype=np.int32)
+    temperature, cooling = hot, (_COLD / hot) ** (1.0 / max(1, moves))
+    for _ in range(moves):
+        temperature *= cooling
+        u = pick(cursor, len(paths))
+        path, length = paths[u], lengths[u]
+        first, after, size = propose(path, length, distance, cols, landing, targets, counts, False, cursor, new)
+        grown = length + size - (after - first - 1)
+        if size < 0 or grown > longest[u]:
+            continue
+        change = 0
+        for k in range(first + 1, after):
+            change -= _remove(path[k], seen, number, counts)
+        for k in range(size):
+            change += _add(new[k], seen, number, counts)
+        gain = change - _LENGTH_PRICE * (grown - length)
+        if gain >= 0.0 or next_uniform(cursor, 0.0, 1.0) < math.exp(gain / temperature):
+            rest = length + 1 - after
+            tail[:rest] = path[after : length + 1]
+            path[first + 1 : first + 1 + size] = new[:size]
+            path[first + 1 + size : grown + 1] = tail[:rest]
+            lengths[u] = grown
+            covered += change
+            value += gain
+            if value > best_value + 1e-9:
+                best_value, best_covered = value, covered
+                best[:], best_lengths[:] = paths, lengths
+        else:
+            for k in range(size):
+                _remove(new[k], seen, number, counts)
+            for k in range(first + 1, after):
+                _add(path[k], seen, number, counts)
+    paths[:], lengths[:] = best, best_lengths
+    return best_covered
+
+
+@kernel
+def _add(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
+    """Count what is seen from a cell once more; return how many targets are newly covered."""
+    fresh = 0
+    for k in range(number[cell]):
+        fresh += int(counts[seen[cell, k]] == 0)
+        counts[seen[cell, k]] += 1
+    return fresh
+
+
+@kernel
+def _remove(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
+    """Count what is seen from a cell once less; return how many targets are no longer covered."""
+    lost = 0
+    for k in range(number[cell]):
+        counts[seen[cell, k]] -= 1
+        lost += int(counts[seen[cell, k]] == 0)
+    return lost
