@@ -1,0 +1,141 @@
+"""TSP: fly the best tour over devices, hover at each until it is empty, fly home and land. Data harvesting only.
+
+The tour visits the subset of devices, in the order, that collects most within the budget: flying from place to place and
+home, and hovering as long as emptying a device takes at its expected rate. Every subset and order is looked at by dynamic
+programming (Held and Karp, A dynamic programming approach to sequencing problems, J. SIAM 10(1), 1962).
+"""
+
+import math
+
+import numpy as np
+
+from uavbench.city import HOVER, LAND, OFFSETS
+from uavbench.kernel import kernel
+from uavbench.missions.harvesting import channel_of
+
+MOST_DEVICES = 10  # time and memory double with each; where there are more, those with most data are looked at
+
+
+class Agent:
+    """Follows its tour, and plans a new one only when a device has been emptied."""
+
+    track = "state"
+
+    def __init__(self, scenario):
+        if scenario.mission.kind != "harvesting" or scenario.team:
+            raise ValueError(
+                f"tsp is for data harvesting with one UAV (Block8-DH-v0, Manhattan32-DH-v0, Urban50-DH-v0, ...), not for "
+                f"{scenario.id}: boustrophedon is for coverage with one UAV, greedy for every scenario"
+            )
+        self._channel = channel_of(scenario.mission, (len(scenario.rows), len(scenario.rows[0])))
+        self._left, self._tour = (), []
+
+    def reset(self, info):
+        """Forget the tour."""
+        self._left, self._tour = (), []
+
+    def act(self, observation, info):
+        """Return the next action: towards the next place of the tour, a hover there, or homeward."""
+        state = info["state"]
+        left = tuple(np.flatnonzero(state.device_data).tolist())
+        if left != self._left:
+            self._left, self._tour = left, self._plan(state, left)
+        city, here = state.city, state.position
+        if self._tour:
+            away = city.distances(self._tour[0])
+            if away[here] == 0 and city.home[here] + 2 <= state.budget:
+                return HOVER
+            if away[here] > 0 and away[here] + city.home[self._tour[0]] + 1 <= state.budget:
+                return _nearer(city, away, here)
+        return LAND if city.home[here] == 0 else _nearer(city, city.home, here)
+
+    def _plan(self, state, left):
+        """Return where to hover, in the best tour's order, of the devices ``left``."""
+        city, budget = state.city, state.budget
+        away = city.distances(state.position)
+        left = sorted(left, key=lambda k: -state.device_data[k])[:MOST_DEVICES]
+        places = [_place(away >= 0, *state.device_cell[k].tolist()) for k in left]
+        if not left:
+            return []
+        rows, cols = np.array(places).T
+        between = np.array([city.distances(place)[rows, cols] for place in places])
+        rates = np.array([self._rate(city, state.device_cell[k], place) for k, place in zip(left, places, strict=True)])
+        order = _best_tour(away[rows, cols], between, city.home[rows, cols], state.device_data[left], rates, budget)
+        return [places[k] for k in order]
+
+    def _rate(self, city, device, place):
+        """Return the data units that an action of hovering at ``place`` collects of the device, in the mean over fading."""
+        channel = self._channel
+        ground = channel.cell_size * np.hypot(*(device - place))
+        clear = int(city.visible(device)[place])
+        level = channel.log_gain - channel.half_exponent[clear] * math.log(ground**2 + channel.altitude**2)
+        nodes, weights = np.polynomial.hermite_e.hermegauss(16)  # the mean over a normal variable
+        rates = np.logaddexp(0.0, level + channel.fading[clear] * nodes) / math.log(2.0)
+        return channel.steps * max(float(rates @ weights / weights.sum()), 1e-9)
+
+
+@kernel
+def _best_tour(first, between, home, data, rates, budget):
+    """Return the order of the subset of K devices that collects most within the budget.
+
+    Parameters
+    ----------
+    first, home : ndarray of int32, shape (K,)
+        Moves from the UAV to each device's place, and from there to the nearest landing cell.
+    between : ndarray of int32, shape (K, K)
+        Moves from place to place.
+    data, rates : ndarray of float64, shape (K,)
+        Data left, and data collected by an action of hovering.
+    budget : int
+        Actions left.
+    """
+    number = len(data)
+    far = 1 << 30
+    moves = np.full((1 << number, number), far, dtype=np.int64)  # fewest to visit a subset, ending at each of it
+    before = np.full((1 << number, number), -1, dtype=np.int64)
+    best, best_subset, best_last = 0.0, 0, -1
+    for subset in range(1, 1 << number):
+        needed = worth = 0.0
+        for k in range(number):
+            if subset >> k & 1:
+                needed += max(0.0, data[k] / rates[k] - 1.0)  # the halves of the moves in and out are worth a hover
+                worth += data[k]
+        for last in range(number):
+            if not subset >> last & 1:
+                continue
+            rest = subset ^ (1 << last)
+            if rest == 0:
+                moves[subset, last] = first[last]
+            for k in range(number):
+                if rest >> k & 1 and moves[rest, k] + between[k, last] < moves[subset, last]:
+                    moves[subset, last] = moves[rest, k] + between[k, last]
+                    before[subset, last] = k
+            hovering = budget - 1 - home[last] - moves[subset, last]  # an action is for landing
+            if hovering < 0:
+                continue
+            value = worth - max(0.0, needed - hovering) * rates[last]  # the last device pays for what is too long
+            value -= 1e-3 * (moves[subset, last] + home[last])  # of equals the shortest
+            if value > best:
+                best, best_subset, best_last = value, subset, last
+    order = np.empty(number, dtype=np.int64)
+    start = number
+    while best_last >= 0:
+        start -= 1
+        order[start] = best_last
+        best_subset, best_last = best_subset ^ (1 << best_last), before[best_subset, best_last]
+    return order[start:]
+
+
+def _place(reachable, r, c):
+    """Return where to hover for the device at (r, c): over it, or as close as the UAV can get."""
+    rows, cols = np.indices(reachable.shape)
+    distance = np.where(reachable, np.hypot(rows - r, cols - c), np.inf)
+    return divmod(int(np.argmin(distance)), distance.shape[1])
+
+
+def _nearer(city, distance, cell):
+    """Return the move from ``cell`` to a neighbour at one move less of ``distance``."""
+    for action in np.flatnonzero(city.action_mask[cell][:4]).tolist():
+        if distance[cell[0] + OFFSETS[action, 0], cell[1] + OFFSETS[action, 1]] == distance[cell] - 1:
+            return action
+    raise AssertionError("distances go down by one at every move")
