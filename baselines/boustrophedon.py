@@ -66,7 +66,8 @@ class Agent:
                 zones = _decompose(self._lines(start, seen, along_columns, offset))
                 tour = self._shorten(start, self._tour(start, zones), state.budget, seen)
                 paths.append(self._path(start, tour, seen))
-        best = max(paths, key=lambda path: _union(seen[cell] for cell in path[1:]).bit_count())  # nothing before a move
+        covered = [_union(seen[cell] for cell in path[1:]).bit_count() for path in paths]  # nothing is at the start
+        best = paths[max(range(len(paths)), key=lambda k: (covered[k], -len(paths[k])))]
         actions = {offset: action for action, offset in self._offsets.items()}
         return [actions[after - before] for before, after in pairwise(best)] + [LAND]
 

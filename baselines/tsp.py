@@ -1,8 +1,9 @@
 """TSP: fly the best tour over devices, hover at each until it is empty, fly home and land. Data harvesting only.
 
 The tour visits the subset of devices, in the order, that collects most within the budget: flying from place to place and
-home, and hovering as long as emptying a device takes at its expected rate. Every subset and order is looked at by dynamic
-programming (Held and Karp, A dynamic programming approach to sequencing problems, J. SIAM 10(1), 1962).
+home, and hovering as long as emptying a device takes at its expected rate. A device that is out of reach is collected from
+as near as one gets in time. Every subset and order is looked at by dynamic programming (Held and Karp, A dynamic programming
+approach to sequencing problems, Journal of SIAM 10(1), 1962).
 """
 
 import math
@@ -24,8 +25,8 @@ class Agent:
     def __init__(self, scenario):
         if scenario.mission.kind != "harvesting" or scenario.team:
             raise ValueError(
-                f"tsp is for data harvesting with one UAV (Block8-DH-v0, Manhattan32-DH-v0, Urban50-DH-v0, ...), not for "
-                f"{scenario.id}: boustrophedon is for coverage with one UAV, greedy for every scenario"
+                f"tsp is for data harvesting by one UAV (Manhattan32-DH-v0 and its like), not for {scenario.id}: "
+                "for coverage by one UAV there is boustrophedon, for teams greedy"
             )
         self._channel = channel_of(scenario.mission, (len(scenario.rows), len(scenario.rows[0])))
         self._left, self._tour = (), []
@@ -54,7 +55,8 @@ class Agent:
         city, budget = state.city, state.budget
         away = city.distances(state.position)
         left = sorted(left, key=lambda k: -state.device_data[k])[:MOST_DEVICES]
-        places = [_place(away >= 0, *state.device_cell[k].tolist()) for k in left]
+        in_time = (away >= 0) & (away + city.home + 1 <= budget)  # + 1 to land
+        places = [_place(in_time, *state.device_cell[k].tolist()) for k in left]
         if not left:
             return []
         rows, cols = np.array(places).T
@@ -126,10 +128,10 @@ def _best_tour(first, between, home, data, rates, budget):
     return order[start:]
 
 
-def _place(reachable, r, c):
-    """Return where to hover for the device at (r, c): over it, or as close as the UAV can get."""
-    rows, cols = np.indices(reachable.shape)
-    distance = np.where(reachable, np.hypot(rows - r, cols - c), np.inf)
+def _place(in_time, r, c):
+    """Return where to hover for the device at (r, c): over it, or as close as the UAV can get in time."""
+    rows, cols = np.indices(in_time.shape)
+    distance = np.where(in_time, np.hypot(rows - r, cols - c), np.inf)
     return divmod(int(np.argmin(distance)), distance.shape[1])
 
 
