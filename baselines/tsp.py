@@ -18,7 +18,7 @@ MOST_DEVICES = 10  # time and memory double with each; where there are more, tho
 
 
 class Agent:
-    """Follows its tour, and plans a new one only when a device has been emptied."""
+    """Flies to the first device of its tour, and plans anew only when a device, this or one on the way, has been emptied."""
 
     track = "state"
 
@@ -29,41 +29,39 @@ class Agent:
                 "for coverage by one UAV there is boustrophedon, for teams greedy"
             )
         self._channel = channel_of(scenario.mission, (len(scenario.rows), len(scenario.rows[0])))
-        self._left, self._tour = (), []
+        self._left, self._goal = None, None
 
     def reset(self, info):
-        """Forget the tour."""
-        self._left, self._tour = (), []
+        """Forget the tour: which devices it is for, and where it goes first."""
+        self._left, self._goal = None, None
 
     def act(self, observation, info):
-        """Return the next action: towards the next place of the tour, a hover there, or homeward."""
+        """Return the next action: towards the goal, a hover there, or homeward."""
         state = info["state"]
-        left = tuple(np.flatnonzero(state.device_data).tolist())
-        if left != self._left:
-            self._left, self._tour = left, self._plan(state, left)
         city, here = state.city, state.position
-        if self._tour:
-            away = city.distances(self._tour[0])
-            if away[here] == 0 and city.home[here] + 2 <= state.budget:
-                return HOVER
-            if away[here] > 0 and away[here] + city.home[self._tour[0]] + 1 <= state.budget:
-                return _nearer(city, away, here)
-        return LAND if city.home[here] == 0 else _nearer(city, city.home, here)
+        left = np.flatnonzero(state.device_data).tolist()
+        if left != self._left:
+            self._left, self._goal = left, self._plan(state, left)
+        if self._goal is not None:
+            away = city.distances(self._goal)
+            if max(away[here], 1) + city.home[self._goal] + 1 <= state.budget:  # at the goal 1 to hover; + 1 to land
+                return _nearer(city, away, here) if away[here] else HOVER
+        return _nearer(city, city.home, here) if city.home[here] else LAND
 
     def _plan(self, state, left):
-        """Return where to hover, in the best tour's order, of the devices ``left``."""
-        city, budget = state.city, state.budget
-        away = city.distances(state.position)
-        left = sorted(left, key=lambda k: -state.device_data[k])[:MOST_DEVICES]
-        in_time = (away >= 0) & (away + city.home + 1 <= budget)  # + 1 to land
-        places = [_place(in_time, *state.device_cell[k].tolist()) for k in left]
+        """Return where to hover first on the best tour over the devices ``left``; None where no tour is worth its way."""
         if not left:
-            return []
+            return None
+        city, away = state.city, state.city.distances(state.position)
+        in_time = (away >= 0) & (away + city.home + 1 <= state.budget)  # + 1 to land
+        left = sorted(left, key=lambda k: -state.device_data[k])[:MOST_DEVICES]
+        cells = state.device_cell[left]
+        places = [_place(in_time, *cell) for cell in cells.tolist()]
         rows, cols = np.array(places).T
         between = np.array([city.distances(place)[rows, cols] for place in places])
-        rates = np.array([self._rate(city, state.device_cell[k], place) for k, place in zip(left, places, strict=True)])
-        order = _best_tour(away[rows, cols], between, city.home[rows, cols], state.device_data[left], rates, budget)
-        return [places[k] for k in order]
+        rates = np.array([self._rate(city, cell, place) for cell, place in zip(cells, places, strict=True)])
+        tour = _best_tour(away[rows, cols], between, city.home[rows, cols], state.device_data[left], rates, state.budget)
+        return places[tour[0]] if len(tour) else None
 
     def _rate(self, city, device, place):
         """Return the data units that an action of hovering at ``place`` collects of the device, in the mean over fading."""

@@ -58,6 +58,24 @@ def test_it_acts_alike_in_any_order(name):
     assert all(np.array_equal(first[n].actions, again[n].actions) for n in first)
 
 
+def test_an_episode_broken_off_leaves_no_trace():
+    world = load_scenario("Manhattan32-DH-v0")
+    env = UAVEnv(world)
+
+    def begin(agent, episode):
+        observation, info = env.reset(options={"split": "validation", "episode": episode})
+        agent.reset(info)
+        actions = []
+        for _ in range(10):
+            actions.append(agent.act(observation, {**info, "state": StateView(env.simulator, 0)}))
+            observation, _, _, _, info = env.step(actions[-1])
+        return actions
+
+    used = find_agent("tsp").make(world)
+    for episode in range(6):
+        assert begin(used, episode) == begin(find_agent("tsp").make(world), episode)
+
+
 @pytest.mark.parametrize("budget", [1, 2, 3, 4, 40])
 @pytest.mark.parametrize("rows", [OPEN, WALLED, SPLIT])
 @pytest.mark.parametrize("device", [(3, 7), (0, 2), (1, 3)])
@@ -96,10 +114,25 @@ def test_it_goes_as_near_as_the_budget_allows():
 
 
 def test_more_devices_than_it_can_order():
-    mission = {**HARVESTING, "devices": (1, 20)}
-    devices = [[r, c, 1.0 + c] for r in (1, 3) for c in range(8)]
+    mission = {**HARVESTING, "devices": (1, 30)}
+    devices = [[r, c, 1.0 + c] for r in range(4) for c in range(8) if OPEN[r][c] == "."]
     _, info = fly_world(scenario(OPEN, mission, budget=(5, 100)), start=[0, 0], budget=100, devices=devices)
     assert info["cral"] == 1.0
+
+
+def test_it_turns_home_in_time_whatever_its_goal():
+    world = scenario(OPEN, HARVESTING)
+    env, agent = UAVEnv(world), find_agent("tsp").make(world)
+    for budget in range(1, 25):
+        observation, info = env.reset(options={"start": [0, 1], "budget": budget, "devices": [[3, 7, 20.0]]})
+        agent._left, agent._goal = [0], (3, 7)
+        over = False
+        while not over:
+            action = agent.act(observation, {**info, "state": StateView(env.simulator, 0)})
+            observation, _, terminated, truncated, info = env.step(action)
+            over = terminated or truncated
+            agent._goal = (3, 7)
+        assert info["landed"]
 
 
 def test_the_tour_is_the_best_of_all_orders_and_subsets():
