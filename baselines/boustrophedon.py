@@ -1,9 +1,9 @@
-"""Boustrophedon: split the target zones into cells, sweep each in lanes, order them as a tour. Coverage only.
+"""Boustrophedon: split the targets into zones, sweep each in lanes, order them as a tour. Coverage only.
 
-The textbook pipeline of coverage path planning. A line that sweeps over the map splits what is to be flown over into cells,
-wherever it is divided or joined by obstacles or by the end of a target zone (Choset, Coverage of known spaces: the
-boustrophedon cellular decomposition, Autonomous Robots 9, 2000). Each cell is swept to and fro in lanes as far apart as the
-camera sees, beginning at any of its four corners. The order of the cells and their corners are a generalised travelling
+The textbook pipeline of coverage path planning. A line that sweeps over the map splits what is to be flown over into zones,
+wherever it is divided or joined by obstacles or by where targets end (Choset, Coverage of known spaces: the
+boustrophedon cellular decomposition, Autonomous Robots 9, 2000). Each zone is swept to and fro in lanes as far apart as the
+camera sees, beginning at any of its four corners. The order of the zones and their corners are a generalised travelling
 salesman problem (Xie, Carrillo and Jin, An integrated traveling salesman and coverage path planning problem, IEEE Control
 Systems Letters 3(1), 2019), solved by local search over flown distances. Of a tour that is too long for the budget those
 lanes are dropped that see least for the moves they cost.
@@ -24,8 +24,8 @@ from uavbench.missions.coverage import camera_views
 class Agent:
     """Plans at the first decision of an episode, and follows the plan: nothing in coverage is left to chance.
 
-    In here, (r, c) is cell r · N + c, a set of cells is an integer with a bit for each, a lane is the list of its cells in
-    the order in which they are flown over, and a way or a tour is a list of lanes.
+    In here, (r, c) is cell r · N + c on a map of N columns, a set of cells is an integer with a bit for
+    each, a lane is the list of its cells in the order in which they are flown over, and a way or a tour is a list of lanes.
     """
 
     track = "state"

@@ -107,7 +107,9 @@ def check(
     "  uavbench evaluate --agent my_agent.py --scenario all --resume"
 )
 def evaluate(
-    agent: Annotated[str, typer.Option(help="path.py, path.py:Class, or a built-in's name (greedy, random).")],
+    agent: Annotated[
+        str, typer.Option(help="path.py, path.py:Class, or a built-in's name (boustrophedon, greedy, random, tsp).")
+    ],
     scenario: Annotated[
         list[str] | None,
         typer.Option(help="An id (Manhattan32-CPP-v0 by default), the path of a .toml file, or 'all'; repeatable."),
