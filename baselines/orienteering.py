@@ -1,0 +1,403 @@
+"""Orienteering: let a routing solver choose which places to visit, and in which order, within the budget; fly there and land.
+
+Each stop of a tour has a prize, and the way from stop to stop and home may not be longer than the budget: the orienteering
+problem (Golden, Levy and Vohra, Naval Research Logistics 34, 1987). PyVRP (Wouda, Lan and Kool, INFORMS Journal on
+Computing 36, 2024) solves it as a prize-collecting vehicle routing problem with one vehicle. A stop's prize is a model only:
+much is covered or collected on the way. So each tour found is flown in the mind, cell by cell, and the one that yields most
+is kept.
+
+CPP: stops are cells that together see all targets, by greedy set cover; the prize is what a stop adds to those before it.
+DH: stops are cells at or near a device, one per device at most, each with the time to hover until it is empty; the prize is its
+data. Fading is left out of the expected rates.
+
+Needs PyVRP: ``pip install 'uavbench[planning]'``. For one UAV.
+"""
+
+import importlib.util
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from uavbench.city import HOVER, LAND, OFFSETS, city_of
+from uavbench.kernel import kernel
+from uavbench.missions.coverage import camera_views
+from uavbench.missions.harvesting import channel_of
+
+_PRIZE = 100  # of a target or data unit, in moves: way is saved only where it costs nothing
+_ACTION = 1e-3  # what an action costs in targets or data units: of equal tours the shorter one is better
+_PENALTY = 1000.0  # at most, for a move too many: of the order of a stop's prize, that the search may pass through long tours
+
+
+class Stop(NamedTuple):
+    """A place to visit. Stops for the same thing exclude one another.
+
+    Attributes
+    ----------
+    cell : int
+        Where, as the index of a cell in row-major order.
+    thing : int
+        What for: in DH the device, in CPP the cell itself.
+    prize : float
+        Targets or data units expected.
+    service : int
+        Actions to hover there.
+    """
+
+    cell: int
+    thing: int
+    prize: float
+    service: int
+
+
+@dataclass
+class Flight:
+    """A tour flown in the mind.
+
+    Attributes
+    ----------
+    path : list of int
+        The cell after each action until landing; the same twice in a row is a hover.
+    tour : list of Stop
+        The stops that it makes.
+    value : float
+        Targets or data units that it yields, less a little for each action.
+    """
+
+    path: list[int]
+    tour: list[Stop]
+    value: float
+
+
+class Agent:
+    """Plans a tour first, and again every few steps; a better one replaces what is left of the last.
+
+    Attributes
+    ----------
+    iterations : int
+        PyVRP's iterations in each round: the knob between quality and time. It is no time limit, so that actions are the
+        same on any machine.
+    rounds : int
+        Rounds of the first plan, each with other stops; there is one in every later plan.
+    patience : int
+        Steps from plan to plan.
+    """
+
+    track = "state"
+    iterations = 100
+    rounds = 8
+    patience = 5
+
+    def __init__(self, scenario):
+        if scenario.team:
+            raise ValueError(f"orienteering plans for one UAV; {scenario.id} is for teams: choose one without Team in its id")
+        if importlib.util.find_spec("pyvrp") is None:
+            raise ImportError("orienteering needs PyVRP: pip install 'uavbench[planning]'")
+        self._city = city_of(scenario)
+        self._home = self._city.home.reshape(-1).copy()
+        self._away = {}
+        self._mission = (_Coverage if scenario.mission.kind == "coverage" else _Harvesting)(scenario, self._city)
+
+    def reset(self, info):
+        """Forget the last episode."""
+        self._random = np.random.default_rng(info["seed"])
+        self._tour, self._steps = [], 0
+
+    def act(self, observation, info):
+        """Return the first action of the best tour known."""
+        state = info["state"]
+        here, budget = self._index(state.position), state.budget - 1  # the last action is to land
+        left = self._mission.left(state)
+        flight = self._fly(here, self._tour, left, budget)
+        if self._steps % self.patience == 0 and left.any():
+            rounds = range(self.rounds) if self._steps == 0 else [1]  # of the kind that goes on from what there is
+            flight = self._plan(here, flight, left, budget, rounds)
+        self._tour = flight.tour
+        self._steps += 1
+        if not flight.path:
+            return LAND
+        return HOVER if flight.path[0] == here else self._move(here, flight.path[0])
+
+    def _plan(self, here, best, left, budget, rounds):
+        """Return the best flight of some rounds, or the given one if none is better."""
+        away = self._distances(here)
+        fits = (away >= 0) & (self._home >= 0) & (np.maximum(away, 1) + self._home <= budget)
+        for n in rounds:
+            stops = self._mission.stops(fits, left, best, n, self._random)
+            if stops:
+                flight = self._thin(here, self._solve(here, stops, best.tour, budget), left, budget)
+                best = max(best, flight, key=lambda flight: flight.value)
+        return best
+
+    def _solve(self, here, stops, tour, budget):
+        """Return the tour that PyVRP finds, beginning with ``tour`` as far as its stops are among ``stops``."""
+        import pyvrp
+        from pyvrp.exceptions import PenaltyBoundWarning
+        from pyvrp.stop import MaxIterations
+
+        cells = np.array([stop.cell for stop in stops])
+        distance: Any = np.zeros(
+            (len(stops) + 2, len(stops) + 2), dtype=np.int64
+        )  # first the start, then the end: any landing cell
+        distance[0, 2:] = np.maximum(self._distances(here)[cells], 1)  # a stop right here costs a hover
+        for n, stop in enumerate(stops, start=2):
+            distance[n] = np.concatenate(([0, self._home[stop.cell]], self._distances(stop.cell)[cells])) + stop.service
+            distance[n, n] = 0
+
+        things = {}
+        for n, stop in enumerate(stops):
+            things.setdefault(stop.thing, []).append(n)
+        groups = [numbers for numbers in things.values() if len(numbers) > 1]
+        group_of = {n: group for group, numbers in enumerate(groups) for n in numbers}
+
+        data = pyvrp.ProblemData(
+            locations=[pyvrp.Location(0, 0)] * len(distance),
+            clients=[
+                pyvrp.Client(n + 2, prize=1 + round(_PRIZE * stop.prize), required=False, group=group_of.get(n))
+                for n, stop in enumerate(stops)
+            ],
+            depots=[pyvrp.Depot(0), pyvrp.Depot(1)],
+            vehicle_types=[pyvrp.VehicleType(start_depot=0, end_depot=1, max_distance=budget)],
+            distance_matrices=[distance],
+            duration_matrices=[0 * distance],
+            groups=[pyvrp.ClientGroup(numbers, required=False) for numbers in groups],
+        )
+        number = {stop[:2]: n for n, stop in enumerate(stops)}
+        begun = [number[stop[:2]] for stop in tour if stop[:2] in number]
+        with warnings.catch_warnings(action="ignore", category=PenaltyBoundWarning):  # _PENALTY is meant
+            best = pyvrp.solve(
+                data,
+                MaxIterations(self.iterations),
+                seed=int(self._random.integers(2**31)),
+                collect_stats=False,
+                params=pyvrp.SolveParams(penalty=pyvrp.PenaltyParams(max_penalty=_PENALTY)),
+                initial_solution=pyvrp.Solution(data, [begun]) if begun else None,
+            ).best
+        return [stops[visit.idx] for route in best.routes() for visit in route if visit.is_client()]
+
+    def _thin(self, here, tour, left, budget):
+        """Fly a tour without the stops that other stops and the way make up for."""
+        best = self._fly(here, tour, left, budget)
+        n = 0
+        while n < len(best.tour):
+            without = self._fly(here, best.tour[:n] + best.tour[n + 1 :], left, budget)
+            if without.value > best.value:
+                best = without
+            else:
+                n += 1
+        return best
+
+    def _fly(self, here, tour, left, budget):
+        """Fly a tour in the mind, without the stops that have become needless or leave no time for the way home."""
+        mission, at, path, made, total = self._mission, here, [], [], left.sum()
+        left = left.copy()
+        worth = mission.worth(left, tour)
+
+        def follow(cells):
+            mission.collect(at, cells, left)
+            path.extend(cells.tolist())
+
+        for stop in tour:
+            distance = self._distances(at)[stop.cell]
+            if distance < 0 or len(path) + distance + self._home[stop.cell] > budget or mission.done(stop, left):
+                continue
+            made.append(stop)
+            follow(_way(at, self._distances(stop.cell), self._city.shape[1], worth))
+            at = stop.cell
+            while not mission.done(stop, left) and len(path) + 1 + self._home[at] <= budget:
+                follow(np.array([at]))
+        homeward = _way(at, self._home, self._city.shape[1], worth)
+        follow(mission.linger(at, homeward, left, budget - len(path) - len(homeward)))
+        return Flight(path, made, float(total - left.sum()) - _ACTION * len(path))
+
+    def _distances(self, cell):
+        """Return the moves from a cell to every cell; −1 where there is no way."""
+        if cell not in self._away:
+            self._away[cell] = self._city.distances(divmod(cell, self._city.shape[1])).reshape(-1)
+        return self._away[cell]
+
+    def _index(self, cell):
+        return cell[0] * self._city.shape[1] + cell[1]
+
+    def _move(self, cell, neighbour):
+        """Return the move from ``cell`` to ``neighbour``."""
+        (r0, c0), (r1, c1) = (divmod(index, self._city.shape[1]) for index in (cell, neighbour))
+        return OFFSETS.tolist().index([r1 - r0, c1 - c0])
+
+
+class _Coverage:
+    """CPP: what is left are the targets, as bool; one place more, always False, stands for what the camera does not see."""
+
+    noise = 0.15  # by how much a gain may look larger than it is, so that rounds differ
+
+    def __init__(self, scenario, city):
+        side, views = scenario.mission.camera_size, camera_views(scenario).reshape(-1, 1)
+        place = np.arange(side * side)
+        down, right = place // side - side // 2, place % side - side // 2
+        visible = (views >> place.astype(np.uint64) & np.uint64(1)).astype(bool)
+        cells = np.arange(len(views))[:, None] + down * city.shape[1] + right
+        self._seen = np.where(visible, cells, len(views))  # the cells that the camera sees from each cell
+
+    def left(self, state):
+        """Return what is still to cover."""
+        return np.append(state.target.reshape(-1) > 0, False)
+
+    def done(self, stop, left):
+        """Say whether a stop has nothing more to yield."""
+        return not left[self._seen[stop.cell]].any()
+
+    def collect(self, at, cells, left):
+        """Take from ``left`` what flying over ``cells`` yields."""
+        left[self._seen[cells]] = False
+
+    def worth(self, left, tour):
+        """Return how much passing a cell is worth between stops: what the stops do not see themselves."""
+        rest = left.copy()
+        rest[self._seen[[stop.cell for stop in tour]]] = False
+        return rest[self._seen].sum(axis=1).astype(float)
+
+    def linger(self, at, homeward, left, spare):
+        """Return the way home; the camera gains nothing by hovering."""
+        return homeward
+
+    def stops(self, fits, left, best, n, random):
+        """Return a set cover: from scratch in every third round, else of what the best flight leaves, with its stops."""
+        left, fits, stops = left.copy(), fits.copy(), []
+
+        def add(cell, prize):
+            stops.append(Stop(cell, cell, prize, 0))
+            left[self._seen[cell]] = False
+            fits[cell] = False
+
+        if n % 3:
+            for stop in best.tour:
+                add(stop.cell, int(left[self._seen[stop.cell]].sum()))
+            left[self._seen[best.path]] = False
+        while True:
+            gain = np.where(fits, left[self._seen].sum(axis=1), 0)
+            if not gain.any():
+                return stops
+            cell = int(np.argmax(gain * (1.0 + self.noise * random.random(len(gain)) * (n > 0))))
+            add(cell, int(gain[cell]))
+
+
+class _Harvesting:
+    """DH: what is left is the data of each device."""
+
+    reach = 2  # moves from a device to its stops
+    patience = 6  # actions of hovering that a stop may take where there is another
+
+    def __init__(self, scenario, city):
+        self._channel, self._city = channel_of(scenario.mission, city.shape), city
+        self._rows, self._cols = (index.reshape(-1) for index in np.indices(city.shape))
+        self._cells = np.zeros(0, dtype=np.int64)
+
+    def left(self, state):
+        """Return the data left."""
+        cells = state.device_cell @ np.array([self._city.shape[1], 1])
+        if not np.array_equal(cells, self._cells):  # an episode begins
+            self._cells = cells
+            self._sight = np.array([self._city.visible(cell).reshape(-1) for cell in state.device_cell])
+            self._rates = np.array([self._rate(k) for k in range(len(cells))])
+        return state.device_data.copy()
+
+    def _rate(self, k):
+        """Return the expected data units of device ``k`` per action of hovering in each cell."""
+        r, c = divmod(int(self._cells[k]), self._city.shape[1])
+        square = ((self._rows - r) ** 2 + (self._cols - c) ** 2) * self._channel.cell_size**2 + self._channel.altitude**2
+        blocked, clear = self._channel.half_exponent
+        level = self._channel.log_gain - np.where(self._sight[k], clear, blocked) * np.log(square)
+        return np.maximum(self._channel.steps * np.log2(1.0 + np.exp(level)), 1e-9)
+
+    def done(self, stop, left):
+        """Say whether a stop has nothing more to yield."""
+        return left[stop.thing] <= 0.0
+
+    def collect(self, at, cells, left):
+        """Take from ``left`` what flying over ``cells`` yields."""
+        _serve(at, cells, left, self._city.shape[1], self._cells, self._sight, self._channel)
+
+    def worth(self, left, tour):
+        """Return how much passing a cell is worth between stops: the highest rate of a device with data left."""
+        return np.where(left[:, None] > 0.0, self._rates, 0.0).max(axis=0)
+
+    def linger(self, at, homeward, left, spare):
+        """Return the way home with ``spare`` actions of hovering where the rate is highest."""
+        cells = np.concatenate(([at], homeward))
+        rates = self.worth(left, [])[cells]
+        n = int(np.argmax(rates))
+        if spare <= 0 or rates[n] <= _ACTION:
+            return homeward
+        return np.concatenate((cells[1 : n + 1], np.full(spare, cells[n]), cells[n + 1 :]))
+
+    def stops(self, fits, left, best, n, random):
+        """Return stops around each device with data left, or the nearest cell to it.
+
+        What the moves there and away yield shortens the hovering: with straight moves about as much as 2 to 4 actions
+        of hovering would. The rounds differ in this.
+        """
+        passing, stops = random.uniform(2.0, 4.0), []
+        for k in np.flatnonzero(left > 0.0).tolist():
+            r, c = divmod(int(self._cells[k]), self._city.shape[1])
+            down, right = np.abs(self._rows - r), np.abs(self._cols - c)
+            hover = np.ceil(np.maximum(left[k] / self._rates[k] - passing, 0.0))
+            near = fits & (down + right <= self.reach) & (hover <= self.patience)
+            if not near.any():
+                near = np.arange(len(fits)) == np.argmin(np.where(fits, np.hypot(down, right), np.inf))
+            stops += [Stop(int(cell), k, float(left[k]), int(hover[cell])) for cell in np.flatnonzero(near & fits)]
+        return stops
+
+
+@kernel
+def _way(start, onward, cols, worth):
+    """Return the cells after ``start`` on that shortest way to where ``onward`` is 0 whose cells are worth most together."""
+    value = np.full(len(onward), -1.0)
+    before = np.full(len(onward), -1)
+    queue = np.empty(len(onward), dtype=np.int64)
+    queue[0], value[start] = start, 0.0
+    tail, best = 1, start
+    for head in range(len(onward)):
+        if head == tail:
+            break
+        cell = queue[head]
+        if onward[cell] == 0 and (onward[best] > 0 or value[cell] > value[best]):
+            best = cell
+        r, c = cell // cols, cell % cols
+        for action in range(4):
+            y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
+            near = y * cols + x
+            if not (0 <= x < cols and 0 <= near < len(onward)) or onward[near] < 0 or onward[near] != onward[cell] - 1:
+                continue
+            if before[near] < 0:
+                queue[tail] = near
+                tail += 1
+            if value[cell] + worth[near] > value[near]:
+                value[near], before[near] = value[cell] + worth[near], cell
+    way = np.empty(onward[start], dtype=np.int64)
+    for n in range(len(way) - 1, -1, -1):
+        way[n], best = best, before[best]
+    return way
+
+
+@kernel
+def _serve(at, path, left, cols, cells, sight, channel):
+    """Take from ``left`` what the devices with the highest expected rates deliver on a path from ``at``."""
+    for cell in path:
+        r0, c0, r1, c1 = at // cols, at % cols, cell // cols, cell % cols
+        for n in range(1, channel.steps + 1):
+            r, c = r0 + n / channel.steps * (r1 - r0), c0 + n / channel.steps * (c1 - c0)
+            here = int(np.rint(r)) * cols + int(np.rint(c))
+            best, highest = -1, -np.inf
+            for k in range(len(left)):
+                if left[k] > 0.0:
+                    down, right = (cells[k] // cols - r) * channel.cell_size, (cells[k] % cols - c) * channel.cell_size
+                    square = down * down + right * right + channel.altitude * channel.altitude
+                    level = channel.log_gain - channel.half_exponent[int(sight[k, here])] * math.log(square)
+                    if level > highest:
+                        best, highest = k, level
+            if best < 0:
+                return
+            left[best] = max(0.0, left[best] - math.log2(1.0 + math.exp(highest)))
+        at = cell
