@@ -138,9 +138,8 @@ class Agent:
         from pyvrp.stop import MaxIterations
 
         cells = np.array([stop.cell for stop in stops])
-        distance: Any = np.zeros(
-            (len(stops) + 2, len(stops) + 2), dtype=np.int64
-        )  # first the start, then the end: any landing cell
+        # First the start, then the end, which is any landing cell; hovering at a stop is part of the way onward from it.
+        distance: Any = np.zeros((len(stops) + 2, len(stops) + 2), dtype=np.int64)
         distance[0, 2:] = np.maximum(self._distances(here)[cells], 1)  # a stop right here costs a hover
         for n, stop in enumerate(stops, start=2):
             distance[n] = np.concatenate(([0, self._home[stop.cell]], self._distances(stop.cell)[cells])) + stop.service
@@ -219,6 +218,7 @@ class Agent:
         return self._away[cell]
 
     def _index(self, cell):
+        """Return the row-major index of a cell."""
         return cell[0] * self._city.shape[1] + cell[1]
 
     def _move(self, cell, neighbour):
