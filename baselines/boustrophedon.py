@@ -34,7 +34,7 @@ class Agent:
         if scenario.mission.kind != "coverage" or scenario.team:
             raise ValueError(
                 f"boustrophedon is for coverage by one UAV (Manhattan32-CPP-v0 and its like), not for {scenario.id}: "
-                "for data harvesting by one UAV there is tsp, for teams greedy"
+                "for data harvesting by one UAV there is tsp, for teams planner"
             )
         self._city = city = city_of(scenario)
         self._size = scenario.mission.camera_size

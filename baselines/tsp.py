@@ -26,7 +26,7 @@ class Agent:
         if scenario.mission.kind != "harvesting" or scenario.team:
             raise ValueError(
                 f"tsp is for data harvesting by one UAV (Manhattan32-DH-v0 and its like), not for {scenario.id}: "
-                "for coverage by one UAV there is boustrophedon, for teams greedy"
+                "for coverage by one UAV there is boustrophedon, for teams planner"
             )
         self._channel = channel_of(scenario.mission, (len(scenario.rows), len(scenario.rows[0])))
         self._left, self._goal = None, None

@@ -108,7 +108,8 @@ def check(
 )
 def evaluate(
     agent: Annotated[
-        str, typer.Option(help="path.py, path.py:Class, or a built-in's name (boustrophedon, greedy, random, tsp).")
+        str,
+        typer.Option(help="path.py, path.py:Class, or a built-in: boustrophedon, greedy, orienteering, planner, random, tsp."),
     ],
     scenario: Annotated[
         list[str] | None,

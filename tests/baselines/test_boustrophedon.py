@@ -179,7 +179,7 @@ def test_the_order_is_short():
 
 @pytest.mark.parametrize("name", ["Manhattan32-DH-v0", "Block8-DH-v0", "Manhattan32-CPP-Team-v0", "Urban50-DH-Team-v0"])
 def test_it_says_what_it_is_for(name):
-    with pytest.raises(ValueError, match=r"boustrophedon is for coverage by one UAV .*tsp.*greedy") as caught:
+    with pytest.raises(ValueError, match=r"boustrophedon is for coverage by one UAV .*tsp.*planner") as caught:
         find_agent("boustrophedon").make(load_scenario(name))
     assert name in str(caught.value)
     with pytest.raises(ValueError, match="Test-v0"):

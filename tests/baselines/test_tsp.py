@@ -162,7 +162,7 @@ def test_the_tour_is_the_best_of_all_orders_and_subsets():
 
 @pytest.mark.parametrize("name", ["Manhattan32-CPP-v0", "Block8-CPP-v0", "Manhattan32-DH-Team-v0", "Urban50-CPP-Team-v0"])
 def test_it_says_what_it_is_for(name):
-    with pytest.raises(ValueError, match=r"tsp is for data harvesting by one UAV .*boustrophedon.*greedy") as caught:
+    with pytest.raises(ValueError, match=r"tsp is for data harvesting by one UAV .*boustrophedon.*planner") as caught:
         find_agent("tsp").make(load_scenario(name))
     assert name in str(caught.value)
     with pytest.raises(ValueError, match="Test-v0"):
