@@ -1,42 +1,59 @@
-"""Upper bound of CPP."""
+"""Upper bound of CPP: how many target cells no policy can exceed on one episode. Proofs: docs/bounds.md.
 
+The linear program is that of the orienteering problem (Fischetti, Salazar González and Toth, INFORMS J. Comput. 1998) with
+sets of cells, those that see a target, in place of customers.
+"""
+
+import importlib
+import itertools
 import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.bounds.flow import Network, network, violated_cuts
-from uavbench.city import City, city_of
+from uavbench.bounds.flow import network, violated_cuts
+from uavbench.city import city_of
 from uavbench.missions.coverage import camera_views
 from uavbench.parameters import Coverage
 from uavbench.scenario import Scenario
 
 Cell = tuple[int, int]
 
-_ROUNDING = 1e-6  # far more than the sums of the dual bound can lose, far less than the 1 between two values
-_VIOLATION = 0.1
+_ROUNDING = 1e-6  # far more than floating point loses in a bound, far less than the 1 between two values
+_SAVING = 0.01  # what a move not made is worth, so that rounds make progress while everything could still be covered
+_VIOLATION = 0.1  # by how much a cut must fall short
 _NESTED = 8
-_TRUST = 0.6
-_PATIENCE = 1
-_SLACK = 1e-6
-_EDGE = -1
-_SOLVER = "simplex"
+_TURNS = 4  # neighbouring groups want similar cuts: in a round every fourth asks
+_TRUST = 0.6  # cuts are sought at so much of the LP's solution and the rest of the plan: they are deeper there
 
 
 @dataclass(frozen=True)
 class Bound:
+    """What no policy can exceed on one episode of CPP.
+
+    Attributes
+    ----------
+    value : int
+        Target cells covered by a policy that lands.
+    cr : float
+        The same as a fraction of all target cells: CRAL cannot exceed it, either.
+    method : {"reach", "cuts"}
+        What gave the bound: the cells within reach, or the linear program.
+    proved_optimal : bool
+        Whether the plan reaches the bound (without a plan, landing at once), so that it is the optimum.
+    rounds : int
+        Linear programs solved.
+    """
+
     value: int
     cr: float
     method: str
     proved_optimal: bool
-    seconds: float = 0.0
-    rounds: int = 0
-    trivial: int = 0
-    raw: float = 0.0
+    rounds: int
 
 
 def coverage_bound(
@@ -46,245 +63,283 @@ def coverage_bound(
     targets: NDArray[Any],
     plan: Sequence[Cell] | None = None,
     seconds: float = 40.0,
-    log=None,
 ) -> Bound:
-    began = time.perf_counter()
-    problem = _Problem(scenario, start, budget, np.asarray(targets) > 0)
+    """Return an upper bound of the target cells that a landing policy covers.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of CPP, for one UAV.
+    start : (int, int)
+        The landing cell where the episode starts.
+    budget : int
+        Its movement budget, landing included.
+    targets : ndarray, shape (M, N)
+        Non-zero where a cell is a target.
+    plan : sequence of (int, int), optional
+        A flight that is possible: the start, and the cell after every action but the last, which lands. It never changes
+        what is valid; a good one makes the bound better and stops early when it is proved optimal.
+    seconds : float
+        Time to spend. The bound is valid whenever it stops.
+
+    Raises
+    ------
+    ValueError
+        When the plan is not a flight of this episode.
+    ImportError
+        When highspy is missing, which the extra ``planning`` installs.
+
+    Notes
+    -----
+    A cell p counts as visited, at the earliest, after max(d(start, p), 1) actions, and needs its way home and one action
+    to land. Targets that no such cell sees cannot be covered; this is the bound by reach. The bound by cuts maximises, over
+    relaxed routes, the covered targets. With y (a group of targets seen from the same cells V is covered), z (how often an
+    edge between cells is flown, in either direction) and w (the landing cell where the flight ends)::
+
+        maximise    Σ weight y
+        subject to  Σ z ≤ budget − 1,  Σ w = 1,  0 ≤ y, w ≤ 1,  0 ≤ z ≤ 2
+                    z(δS) + w(S) + [start in S] ≥ 2 y   for every group and every set of cells S that contains V
+                    z(δS) + w(S) + [start in S] ≥ 2 w   for every landing cell and every set of cells S that contains it
+                    z(δS) + w(S) + [start in S] ≥ 2     for every set of cells S that contains the start
+
+    Joined by a root to the start and to the cell where it ends, a flight is a closed walk. If it visits S, which does not
+    contain the root, it enters and leaves S: it crosses the border of S at least twice. So every flight satisfies all of
+    these, and the optimum is an upper bound. Cuts are added as they are violated; with any of them missing the bound is
+    only weaker. What is returned is not the solver's optimum but the value of its dual solution, computed anew: any
+    multipliers of the right sign give a valid bound, whatever the solver's tolerances, or where it was stopped.
+    """
+    deadline = time.perf_counter() + seconds
+    mask = np.asarray(targets) != 0
+    problem = _Problem(scenario, start, budget, mask)
     covered = 0 if plan is None else problem.covered(plan)
-    total = int((np.asarray(targets) > 0).sum())
-    value, method, rounds, raw = problem.trivial, "trivial", 0, problem.trivial
+    value, method, rounds = int(problem.weights.sum()), "reach", 0
     if value > covered:
-        raw, rounds = _relax(problem, plan, covered, began + seconds, log)
-        tight = math.floor(raw + _ROUNDING)
-        if tight < value:
-            value, method = tight, "lp"
-    return Bound(value, value / total if total else 0.0, method, plan is not None and value <= covered,
-                 time.perf_counter() - began, rounds, problem.trivial, raw)
+        relaxed, rounds = _relax(problem, plan, covered, deadline)
+        if relaxed < value:
+            value, method = relaxed, "cuts"
+    return Bound(value, value / max(int(mask.sum()), 1), method, value == covered, rounds)
 
 
 class _Problem:
-    """Cells, edges and groups of targets.
+    """An episode as a graph: its nodes are the cells from which one can be home in time, numbered row by row.
 
-    Nodes 0 to n − 1 are the cells that one can fly to and be home in time, node n is the root.
+    Attributes
+    ----------
+    number : ndarray of int32, shape (M, N)
+        The node of a cell; −1 where there is none.
+    edges : ndarray of int32, shape (E, 2)
+        Nodes side by side.
+    landing : list of int
+        Nodes in landing zones.
+    groups : list of tuple of int
+        For each group of targets the nodes that see it, the same for all of its targets.
+    weights : ndarray of float64, shape (G,)
+        Targets in a group.
     """
 
     def __init__(self, scenario: Scenario, start: Cell, budget: int, targets: NDArray[np.bool_]) -> None:
         assert isinstance(scenario.mission, Coverage)
-        city = city_of(scenario)
-        self.budget = budget
-        self.start = start
-        self.city = city
+        self._city = city = city_of(scenario)
+        self.start, self.budget = start, budget
         away = city.distances(start)
         usable = (away >= 0) & (city.home >= 0) & (away + city.home <= budget - 1)
-        if city.no_fly[start]:
-            usable[:] = False
-        # The start's view counts from the first hover or return on, at the earliest after one action.
-        seen = _viewers(camera_views(scenario), scenario.mission.camera_size, targets, usable & (np.maximum(away, 1) + city.home <= budget - 1))
-        self.cells = np.argwhere(usable).astype(np.int32)
+        self.nodes = int(usable.sum())
         self.number = np.full(city.shape, -1, dtype=np.int32)
-        self.number[usable] = np.arange(len(self.cells))
-        self.views = seen
-        groups: dict[tuple[int, ...], int] = {}
-        for viewers in seen.values():
-            key = tuple(sorted(int(self.number[cell]) for cell in viewers))
-            groups[key] = groups.get(key, 0) + 1
-        self.groups = list(groups)
-        self.weights = np.array([groups[g] for g in self.groups], dtype=np.float64)
-        self.trivial = int(self.weights.sum())
-        self.landing = [int(self.number[tuple(cell)]) for cell in city.landing_cells.tolist() if usable[tuple(cell)]]
-        right = np.stack([self.number[:, :-1].reshape(-1), self.number[:, 1:].reshape(-1)], axis=1)
-        down = np.stack([self.number[:-1].reshape(-1), self.number[1:].reshape(-1)], axis=1)
-        edges = np.concatenate([right, down])
-        self.edges = edges[(edges >= 0).all(axis=1)]
+        self.number[usable] = np.arange(self.nodes)
+        pairs = [(self.number[:, :-1], self.number[:, 1:]), (self.number[:-1], self.number[1:])]
+        edges = np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
+        self.edges: NDArray[np.int32] = edges[(edges >= 0).all(axis=1)]
+        self.landing: list[int] = self.number[city.landing & usable].tolist()
+        # Nothing is covered at the reset: to see from its start, the UAV hovers there or comes back.
+        viewing = usable & (np.maximum(away, 1) + city.home <= budget - 1)
+        sizes: dict[tuple[int, ...], int] = {}
+        for viewers in self._viewers(camera_views(scenario), scenario.mission.camera_size, viewing, targets):
+            sizes[viewers] = sizes.get(viewers, 0) + 1
+        self.groups = list(sizes)
+        self.weights = np.array(list(sizes.values()), dtype=np.float64)
+
+    def _viewers(
+        self, views: NDArray[np.uint64], size: int, viewing: NDArray[np.bool_], targets: NDArray[np.bool_]
+    ) -> list[tuple[int, ...]]:
+        """Return for every target that ``viewing`` cells see their nodes."""
+        viewers: dict[tuple[int, int], list[int]] = {}
+        for bit in range(size * size):
+            down, right = bit // size - size // 2, bit % size - size // 2
+            seeing = viewing & ((views >> np.uint64(bit)) & np.uint64(1) > 0)
+            for r, c in np.argwhere(seeing).tolist():
+                if targets[r + down, c + right]:
+                    viewers.setdefault((r + down, c + right), []).append(int(self.number[r, c]))
+        return [tuple(sorted(viewers[cell])) for cell in sorted(viewers)]
+
+    def path(self, plan: Sequence[Cell]) -> list[int]:
+        """Return the nodes of a plan, or raise a ValueError that says why it is none."""
+        city = self._city
+        if not plan or tuple(plan[0]) != tuple(self.start):
+            raise ValueError(f"plan: it does not begin at the start, {self.start}")
+        if len(plan) > self.budget:
+            raise ValueError(f"plan: {len(plan) - 1} actions and a landing do not fit the budget, {self.budget}")
+        for r, c in plan:
+            if not (0 <= r < city.shape[0] and 0 <= c < city.shape[1]) or city.no_fly[r, c]:
+                raise ValueError(f"plan: nobody may fly at {(r, c)}")
+        for (r, c), (y, x) in itertools.pairwise(plan):
+            if abs(r - y) + abs(c - x) > 1:
+                raise ValueError(f"plan: {(y, x)} is not one move from {(r, c)}")
+        if not city.landing[plan[-1][0], plan[-1][1]]:
+            raise ValueError(f"plan: it ends at {tuple(plan[-1])}, which is not a landing cell")
+        return [int(self.number[r, c]) for r, c in plan]
 
     def covered(self, plan: Sequence[Cell]) -> int:
-        visited = set(map(tuple, plan[1:]))
-        return sum(not visited.isdisjoint(viewers) for viewers in self.views.values())
+        """Return how many targets a plan covers."""
+        return int(self.weights @ self.seen(self.path(plan)))
 
-
-def _viewers(views, size, targets, usable) -> dict[Cell, list[Cell]]:
-    out: dict[Cell, list[Cell]] = {}
-    reach = size // 2
-    rows, cols = targets.shape
-    for i in range(size):
-        for j in range(size):
-            bit = np.uint64(i * size + j)
-            for r, c in np.argwhere(usable & ((views >> bit) & np.uint64(1) > 0)).tolist():
-                cell = (r + i - reach, c + j - reach)
-                if targets[cell]:
-                    out.setdefault(cell, []).append((r, c))
-    return out
+    def seen(self, path: list[int]) -> NDArray[np.bool_]:
+        """Return which groups a path covers."""
+        visited = set(path[1:])
+        return np.array([not visited.isdisjoint(viewers) for viewers in self.groups], dtype=np.bool_)
 
 
 class _Program:
-    """The linear program.
+    """The linear program, with the cuts found so far.
 
-    Columns: y of the groups, z of the edges, w of the landing cells, and a 1 for the root's edge to the start.
+    Its columns are y of the G groups, z of the E edges, w of the landing cells, and last a constant 1, the root's edge to
+    the start. z, w and the 1 are the edges of a graph: the problem's, with the root as one more node. Its rows are the
+    budget, Σ w = 1, and the cuts.
+
+    Attributes
+    ----------
+    terminal : ndarray of int64, shape (T,)
+        The columns that cuts are for: groups, landing cells, and the start.
     """
 
     def __init__(self, problem: _Problem) -> None:
-        import highspy
+        groups, edges, landing = len(problem.groups), len(problem.edges), len(problem.landing)
+        self._problem, self._moves = problem, problem.budget - 1
+        self._z, self._w = slice(groups, groups + edges), slice(groups + edges, groups + edges + landing)
+        self._columns = groups + edges + landing + 1
+        self._root, start = problem.nodes, int(problem.number[problem.start])
+        rooted = [[self._root, node] for node in [*problem.landing, start]]
+        self._graph = network(problem.nodes + 1, np.concatenate([problem.edges, np.array(rooted, dtype=np.int32)]))
+        terminals: list[tuple[int, ...]] = [*problem.groups, *((node,) for node in problem.landing), (start,)]
+        self._first = np.cumsum([0, *map(len, terminals)], dtype=np.int32)
+        self._members = np.concatenate([np.array(nodes, dtype=np.int32) for nodes in terminals])
+        self.terminal = np.array([*range(groups), *range(self._w.start, self._columns)])
 
-        p = problem
-        n, root = len(p.cells), len(p.cells)
-        G, E, L = len(p.groups), len(p.edges), len(p.landing)
-        self.G, self.E, self.L = G, E, L
-        self.ncol = G + E + L + 1
-        self.one = self.ncol - 1
-        ends = np.concatenate(
-            [p.edges, [[root, l] for l in p.landing], [[root, p.number[p.start]]]]
-        ).astype(np.int32)
-        self.graph = network(n + 1, np.ascontiguousarray(ends))
-        self.upper = np.concatenate([np.ones(G), np.full(E, 2.0), np.ones(L), [1.0]])
-        self.lower = np.zeros(self.ncol)
-        self.lower[self.one] = 1.0
-        self.cost = np.zeros(self.ncol)
-        self.cost[:G] = p.weights
-        self.eps = 0.01
-        self.work = self.cost.copy()
-        self.work[G:G + E] = -self.eps
-        terminals = [*p.groups, *[(l,) for l in p.landing], (int(p.number[p.start]),)]
-        self.column = np.array([*range(G), *range(G + E, G + E + L), self.one])
-        self.first = np.concatenate([[0], np.cumsum([len(t) for t in terminals])]).astype(np.int32)
-        self.members = np.concatenate([np.array(t, dtype=np.int32) for t in terminals])
-        self.rows_idx: list[NDArray[np.int32]] = []
-        self.rows_val: list[NDArray[np.float64]] = []
-        self.age: list[int] = []
-        self.keys: list[bytes] = []
-        self.known: set[bytes] = set()
-        self.budget = p.budget - 1
-        h = self.h = highspy.Highs()
-        h.setOptionValue("output_flag", False)
-        h.setOptionValue("threads", 1)
-        h.setOptionValue("presolve", "off")
-        h.setOptionValue("solver", _SOLVER); h.setOptionValue("simplex_dual_edge_weight_strategy", _EDGE)
+        self._value = np.zeros(self._columns)
+        self._value[:groups] = problem.weights
+        self._lower, self._upper = np.zeros(self._columns), np.ones(self._columns)
+        self._lower[-1], self._upper[self._z] = 1.0, 2.0
+        self._cuts: list[tuple[NDArray[np.int32], NDArray[np.float64]]] = []  # columns and coefficients
+        self._highs = self._solver()
+
+    def _solver(self) -> Any:
+        """Return a HiGHS model without cuts; it minimises."""
+        try:
+            highspy: Any = importlib.import_module("highspy")
+        except ImportError as error:
+            raise ImportError("the bound needs highspy: pip install 'uavbench[planning]'") from error
+        highs = highspy.Highs()
+        for option, value in {"output_flag": False, "threads": 1, "presolve": "off", "solver": "simplex"}.items():
+            highs.setOptionValue(option, value)
+        self._infinity, self._optimal = highspy.kHighsInf, highspy.HighsModelStatus.kOptimal
+        cost = -self._value
+        cost[self._z] = _SAVING
         none = np.zeros(0, dtype=np.int32)
-        h.addCols(self.ncol, -self.work, self.lower, self.upper, 0, none, none, np.zeros(0))
-        inf = highspy.kHighsInf
-        self.inf = inf
-        idx = np.concatenate([np.arange(G, G + E), np.arange(G + E, G + E + L)]).astype(np.int32)
-        h.addRows(2, np.array([-inf, 1.0]), np.array([self.budget, 1.0], dtype=float), E + L,
-                  np.array([0, E], dtype=np.int32), idx, np.ones(E + L))
+        highs.addCols(self._columns, cost, self._lower, self._upper, 0, none, none, np.zeros(0))
+        most, least = np.array([self._moves, 1.0]), np.array([-self._infinity, 1.0])
+        columns = np.arange(self._z.start, self._w.stop, dtype=np.int32)
+        begin = np.array([0, self._w.start - self._z.start], dtype=np.int32)
+        highs.addRows(2, least, most, len(columns), begin, columns, np.ones(len(columns)))
+        return highs
 
-    def add(self, terminal, inside) -> int:
-        G = self.G
-        cross = inside[:, self.graph.ends[:, 0]] != inside[:, self.graph.ends[:, 1]]
-        new_idx, new_val = [], []
-        for t, c in zip(terminal.tolist(), cross, strict=True):
-            col = self.column[t]
-            edges = np.flatnonzero(c) + G
-            key = edges.astype(np.int32).tobytes() + bytes(str(t), "ascii")
-            if key in self.known:
-                continue
-            self.known.add(key)
-            val = np.ones(len(edges))
-            where = np.flatnonzero(edges == col)
-            if len(where):
-                val[where] -= 2.0
-                idx = edges
-            else:
-                idx = np.append(edges, col)
-                val = np.append(val, -2.0)
-            new_idx.append(idx.astype(np.int32))
-            new_val.append(val)
-            self.keys.append(key)
-        if not new_idx:
+    def first_point(self) -> NDArray[np.float64]:
+        """Return the wish to cover everything without a move."""
+        point = np.zeros(self._columns)
+        point[: self._z.start] = point[-1] = 1.0
+        return point
+
+    def point_of(self, plan: Sequence[Cell]) -> NDArray[np.float64]:
+        """Return the columns' values of a plan: a point that satisfies all cuts."""
+        problem, point = self._problem, np.zeros(self._columns)
+        path = problem.path(plan)
+        point[: self._z.start] = problem.seen(path)
+        column = {(a, b): self._z.start + e for e, (a, b) in enumerate(problem.edges.tolist())}
+        for a, b in itertools.pairwise(path):
+            if a != b:
+                point[column[min(a, b), max(a, b)]] += 1.0
+        point[self._w.start + problem.landing.index(path[-1])] = point[-1] = 1.0
+        return point
+
+    def add_violated(self, point: NDArray[np.float64], asking: NDArray[np.bool_]) -> int:
+        """Add cuts that ``point`` violates, for the terminals that are ``asking``; return how many."""
+        demand = np.where(asking, 2 * point[self.terminal], 0.0)
+        capacity = point[self._z.start :].copy()
+        which, inside = violated_cuts(
+            self._graph, capacity, self._root, self._first, self._members, demand, _VIOLATION, _NESTED
+        )
+        if not len(which):
             return 0
-        starts = np.concatenate([[0], np.cumsum([len(i) for i in new_idx])]).astype(np.int32)
-        k = len(new_idx)
-        self.h.addRows(k, np.zeros(k), np.full(k, self.inf), int(starts[-1]), starts[:-1], np.concatenate(new_idx), np.concatenate(new_val))
-        self.rows_idx += new_idx
-        self.rows_val += new_val
-        self.age += [0] * k
-        return k
+        rows = np.zeros((len(which), self._columns))
+        ends = self._graph.ends
+        rows[:, self._z.start :] = inside[:, ends[:, 0]] != inside[:, ends[:, 1]]
+        rows[np.arange(len(which)), self.terminal[which]] -= 2.0
+        row, column = np.nonzero(rows)
+        values, columns = rows[row, column], column.astype(np.int32)
+        begin = np.searchsorted(row, np.arange(len(which))).astype(np.int32)
+        count = len(which)
+        self._highs.addRows(count, np.zeros(count), np.full(count, self._infinity), len(row), begin, columns, values)
+        self._cuts += zip(np.split(columns, begin[1:]), np.split(values, begin[1:]), strict=True)
+        return count
 
-    def solve(self, limit: float) -> tuple[float, NDArray, bool]:
-        import highspy
-        h = self.h
-        h.setOptionValue("time_limit", max(0.01, limit) + h.getRunTime())
-        h.run()
-        done = h.getModelStatus() == highspy.HighsModelStatus.kOptimal
-        s = h.getSolution()
-        x = np.array(s.col_value)
-        dual = -np.array(s.row_dual)  # of the minimisation of −cost
-        if len(dual) != 2 + len(self.rows_idx):
-            return math.inf, x, False
-        # maximise: cost x <= cost x + mu (a x) + nu (budget - sum z) + pi (1 - sum w)
-        nu = max(0.0, dual[0]) + self.eps; pi = dual[1]
-        mu = np.maximum(0.0, -dual[2:])
-        d = self.cost.copy()
-        d[self.G:self.G + self.E] -= nu
-        d[self.G + self.E: self.G + self.E + self.L] -= pi
-        if self.rows_idx:
-            lens = np.array([len(i) for i in self.rows_idx])
-            d += np.bincount(np.concatenate(self.rows_idx), np.concatenate(self.rows_val) * np.repeat(mu, lens), minlength=self.ncol)
-        value = nu * self.budget + pi + np.maximum(d * self.lower, d * self.upper).sum()
-        self.mu = mu
-        slack = np.array(s.row_value)[2:]
-        for k, m in enumerate(slack):
-            self.age[k] = 0 if m < _SLACK else self.age[k] + 1
-        self.obj = -h.getObjectiveValue()
-        return value, x, done
+    def solve(self, seconds: float) -> tuple[float, NDArray[np.float64] | None]:
+        """Solve for at most ``seconds``; return a valid bound, and the optimum unless the time was up."""
+        highs = self._highs
+        highs.setOptionValue("time_limit", highs.getRunTime() + max(seconds, 0.01))
+        highs.run()
+        solution = highs.getSolution()
+        duals = np.array(solution.row_dual, dtype=np.float64)
+        bound = self._dual_bound(duals) if len(duals) == 2 + len(self._cuts) else math.inf
+        if highs.getModelStatus() != self._optimal:
+            return bound, None
+        self._drop(np.array(solution.row_value)[2:] > _ROUNDING)
+        return bound, np.array(solution.col_value)
 
-    def purge(self, age: int) -> int:
-        old = [k for k, a in enumerate(self.age) if a >= age]
-        if not old:
-            return 0
-        self.h.deleteRows(len(old), np.array(old, dtype=np.int32) + 2)
-        keep = [k for k, a in enumerate(self.age) if a < age]
-        for k in old:
-            self.known.discard(self.keys[k])
-        self.rows_idx = [self.rows_idx[k] for k in keep]
-        self.rows_val = [self.rows_val[k] for k in keep]
-        self.age = [self.age[k] for k in keep]
-        self.keys = [self.keys[k] for k in keep]
-        return len(old)
+    def _dual_bound(self, duals: NDArray[np.float64]) -> float:
+        """Return the bound of weak duality: the greatest value within the columns' bounds alone, rows in the objective.
 
+        For multipliers ν ≥ 0 of the budget, π of Σ w = 1 and μ ≥ 0 of the cuts a·x ≥ 0, every x that satisfies the rows has
+        value(x) ≤ value(x) + ν (b − 1 − Σ z) + π (1 − Σ w) + Σ μ a·x. What is saved has no value in this bound: the
+        multiplier of the budget takes it in.
+        """
+        budget, landing, cuts = max(0.0, -duals[0]) + _SAVING, -duals[1], np.maximum(duals[2:], 0.0)
+        reduced = self._value.copy()
+        reduced[self._z] -= budget
+        reduced[self._w] -= landing
+        if self._cuts:
+            columns = np.concatenate([columns for columns, _ in self._cuts])
+            values = np.concatenate([values for _, values in self._cuts])
+            repeated = np.repeat(cuts, [len(columns) for columns, _ in self._cuts])
+            reduced += np.bincount(columns, values * repeated, minlength=self._columns)
+        return float(budget * self._moves + landing + np.maximum(reduced * self._lower, reduced * self._upper).sum())
 
-def _plan_point(problem, program, plan):
-    x = np.zeros(program.ncol)
-    visited = {int(problem.number[tuple(c)]) for c in plan[1:]}
-    x[:program.G] = [not visited.isdisjoint(g) for g in problem.groups]
-    which = {tuple(sorted(e)): k for k, e in enumerate(problem.edges.tolist())}
-    for a, b in zip(plan[:-1], plan[1:]):
-        if a != b:
-            x[program.G + which[tuple(sorted((int(problem.number[tuple(a)]), int(problem.number[tuple(b)]))))]] += 1
-    x[program.G + program.E + problem.landing.index(int(problem.number[tuple(plan[-1])]))] = 1
-    x[-1] = 1
-    return x
+    def _drop(self, loose: NDArray[np.bool_]) -> None:
+        """Forget the cuts that are ``loose``: the optimum is the same without them, and faster to find."""
+        rows = np.flatnonzero(loose)
+        if len(rows):
+            self._highs.deleteRows(len(rows), (rows + 2).astype(np.int32))
+            self._cuts = [cut for cut, gone in zip(self._cuts, loose.tolist(), strict=True) if not gone]
 
 
-def _relax(problem, plan, covered, deadline, log):
+def _relax(problem: _Problem, plan: Sequence[Cell] | None, covered: int, deadline: float) -> tuple[int, int]:
+    """Return the bound by cuts, and the linear programs it took; stop when it is what the plan covers."""
     program = _Program(problem)
-    centre = None if plan is None else _plan_point(problem, program, plan)
-    best, rounds = float(problem.trivial), 0
-    x = program.upper.copy()
-    x[program.G:-1] = 0
-    if centre is not None:
-        x = _TRUST * x + (1 - _TRUST) * centre
-    root = len(problem.cells)
-    ts, tl = 0.0, 0.0
-    while time.perf_counter() < deadline:
-        added = 0
-        t0 = time.perf_counter()
-        points = [x] if centre is None or rounds == 0 else [_TRUST * x + (1 - _TRUST) * centre, x]
-        for point in points:
-            t, inside = violated_cuts(program.graph, np.ascontiguousarray(point[program.G:]), root, program.first, program.members,
-                                      2 * point[program.column], _VIOLATION, _NESTED)
-            added = program.add(t, inside)
-            if added:
-                break
-        ts += time.perf_counter() - t0
-        if not added:
+    centre = None if plan is None else program.point_of(plan)
+    point: NDArray[np.float64] | None = program.first_point()
+    best, rounds = float(problem.weights.sum()), 0
+    while point is not None and time.perf_counter() < deadline and math.floor(best + _ROUNDING) > covered:
+        points = [point] if centre is None else [_TRUST * point + (1 - _TRUST) * centre, point]
+        turns = (np.arange(len(program.terminal)) + rounds) % _TURNS
+        if not any(program.add_violated(each, turns == turn) for each in points for turn in range(_TURNS)):
             break
-        t0 = time.perf_counter()
-        value, x, done = program.solve(deadline - time.perf_counter())
-        tl += time.perf_counter() - t0
-        rounds += 1
-        best = min(best, value)
-        purged = program.purge(_PATIENCE) if done else 0
-        if log:
-            log(f"{rounds:3d} added {added:5d} purged {purged:5d} rows {len(program.rows_idx):5d} lp {program.obj:.3f} safe {value:.3f} best {best:.3f} plan {covered} sep {ts:.2f} lp {tl:.2f} {done}")
-        if not done or math.floor(best + _ROUNDING) <= covered:
-            break
-    return best, rounds
+        bound, point = program.solve(deadline - time.perf_counter())
+        best, rounds = min(best, bound), rounds + 1
+    return math.floor(best + _ROUNDING), rounds
