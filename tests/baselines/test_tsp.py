@@ -1,15 +1,17 @@
 """The TSP over devices: it gets home, collects, and gives way to nothing absurd."""
 
 import itertools
+from functools import partial
 
+import flying
 import numpy as np
 import pytest
+from flying import check_forgets, fly
 from worlds import COVERAGE, HARVESTING, scenario
 
 from uavbench import load_scenario
 from uavbench.agent import find_agent
 from uavbench.envs.env import UAVEnv
-from uavbench.evaluate import Job, evaluate
 from uavbench.state_view import StateView
 
 SCENARIOS = ["Manhattan32-DH-v0", "Urban50-DH-v0", "Block8-DH-v0"]
@@ -19,21 +21,7 @@ WALLED = ["L.N.....", "NNN.....", "........", "........"]
 SPLIT = ["LL..#...", "....#...", "....#...", "....#..."]
 
 
-def fly(name, agent, numbers):
-    return {r.episode: r for r in evaluate(Job(find_agent(agent), load_scenario(name), "test"), numbers)}
-
-
-def fly_world(world, **options):
-    """Fly one episode set by hand; return its actions and what became of it."""
-    agent, env = find_agent("tsp").make(world), UAVEnv(world)
-    observation, info = env.reset(seed=0, options={"noise": False, **options})
-    agent.reset(info)
-    actions, over = [], False
-    while not over:
-        actions.append(agent.act(observation, {**info, "state": StateView(env.simulator, 0)}))
-        observation, _, terminated, truncated, info = env.step(actions[-1])
-        over = terminated or truncated
-    return actions, info
+fly_world = partial(flying.fly_world, "tsp", noise=False)
 
 
 @pytest.mark.parametrize("name", SCENARIOS + LONG)
@@ -59,21 +47,7 @@ def test_it_acts_alike_in_any_order(name):
 
 
 def test_an_episode_broken_off_leaves_no_trace():
-    world = load_scenario("Manhattan32-DH-v0")
-    env = UAVEnv(world)
-
-    def begin(agent, episode):
-        observation, info = env.reset(options={"split": "validation", "episode": episode})
-        agent.reset(info)
-        actions = []
-        for _ in range(10):
-            actions.append(agent.act(observation, {**info, "state": StateView(env.simulator, 0)}))
-            observation, _, _, _, info = env.step(actions[-1])
-        return actions
-
-    used = find_agent("tsp").make(world)
-    for episode in range(6):
-        assert begin(used, episode) == begin(find_agent("tsp").make(world), episode)
+    check_forgets("tsp", "Manhattan32-DH-v0")
 
 
 @pytest.mark.parametrize("budget", [1, 2, 3, 4, 40])
