@@ -26,9 +26,10 @@ Cell = tuple[int, int]
 _ROUNDING = 1e-6  # far more than floating point loses in a bound, far less than the 1 between two values
 _SAVING = 0.01  # what a move not made is worth, so that rounds make progress while everything could still be covered
 _VIOLATION = 0.1  # by how much a cut must fall short
-_NESTED = 8
+_NESTED = 4
 _TURNS = 4  # neighbouring groups want similar cuts: in a round every fourth asks
-_TRUST = 0.6  # cuts are sought at so much of the LP's solution and the rest of the plan: they are deeper there
+_MEMORY, _SMOOTHING = 0.8, 0.9  # of the mean of the LP's solutions: in each round, and where cuts are sought
+_TRUST = 0.5  # cuts are sought at so much of that and the rest of the plan: they are deeper there
 
 
 @dataclass(frozen=True)
@@ -334,9 +335,13 @@ def _relax(problem: _Problem, plan: Sequence[Cell] | None, covered: int, deadlin
     program = _Program(problem)
     centre = None if plan is None else program.point_of(plan)
     point: NDArray[np.float64] | None = program.first_point()
+    mean = program.first_point()
     best, rounds = float(problem.weights.sum()), 0
     while point is not None and time.perf_counter() < deadline and math.floor(best + _ROUNDING) > covered:
-        points = [point] if centre is None else [_TRUST * point + (1 - _TRUST) * centre, point]
+        mean = _MEMORY * mean + (1 - _MEMORY) * point
+        smooth = _SMOOTHING * mean + (1 - _SMOOTHING) * point
+        points = [smooth, point] if centre is None else [_TRUST * each + (1 - _TRUST) * centre for each in (smooth, point)]
+        points.append(point)
         turns = (np.arange(len(program.terminal)) + rounds) % _TURNS
         if not any(program.add_violated(each, turns == turn) for each in points for turn in range(_TURNS)):
             break
