@@ -1,6 +1,7 @@
 """The bound of DH is never below what a policy collects on average: the optimum of tiny worlds, and flights in fading."""
 
 import copy
+import itertools
 import math
 
 import numpy as np
@@ -124,7 +125,7 @@ def test_is_above_what_plans_collect_in_fading():
         cells, data = (simulator.mission.view(0)[name].copy() for name in ("device_cell", "device_data"))
         plan = search(world, expected_rates(world, cells), cells, data, [start], [budget], seed=0, moves=5_000)
         (flight,) = plan.flights
-        actions = [ACTIONS[q[0] - p[0], q[1] - p[1]] for p, q in zip(flight, flight[1:], strict=False)]
+        actions = [ACTIONS[q[0] - p[0], q[1] - p[1]] for p, q in itertools.pairwise(flight)]
         devices = [[*cell, amount] for cell, amount in zip(cells.tolist(), data.tolist(), strict=True)]
         mean, error = flown(world, start, budget, devices, [*actions, 5], count=300)
         bound = harvesting_bound(world, start, budget, cells, data, rounds=150)
@@ -197,6 +198,8 @@ def test_stops_valid_when_time_or_rounds_are_up_or_the_plan_is_as_good():
     best = optimum(world, (0, 0), 6, devices)
     for options in ({"rounds": 0}, {"seconds": 0.0}, {"rounds": 7}, {"seconds": 0.02}, {"planned": best}):
         assert bound_of(world, (0, 0), 6, devices, **options).value >= best
+    assert bound_of(world, (0, 0), 6, devices, seconds=0.0).rounds == 0
+    assert bound_of(world, (0, 0), 6, devices, rounds=7).rounds == 7
     all_data = bound_of(world, (0, 0), 6, devices, planned=23.0)
     assert (all_data.value, all_data.cr, all_data.method, all_data.rounds) == (23.0, 1.0, "data", 0)
 
