@@ -1,0 +1,242 @@
+"""Upper bound of DH: how much data no policy can expect to collect on one episode. Proofs: docs/bounds.md.
+
+The data of a device are given a worth in every cell: low near the device, high far from it. Whatever the worths, they make a
+bound, which is the longest walk through time; the best worths are sought by gradient descent.
+"""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.bounds.worths import Graph, fill_gains, fill_gradient, fill_rates, fill_yields, fly, longest
+from uavbench.city import EAST, HOVER, OFFSETS, SOUTH, City, city_of
+from uavbench.missions.harvesting import channel_of
+from uavbench.parameters import Harvesting
+from uavbench.scenario import Scenario
+
+Cell = tuple[int, int]
+
+_ROUNDING = 1e-9  # relative: far more than floating point loses in sums of some thousand positive numbers
+_NORMALS = np.array([-3.0, -2.0, -1.25, -0.5, 0.25, 1.0, 1.75, 2.5, 3.5, 6.0])  # what stands for a normal variable
+
+# Of the descent: from the first to the last round these fall geometrically.
+_TEMPERATURE = (1.0, 0.02)  # data units: how much worse than the best a flight may be and still count
+_BEND = (0.02, 0.0005)  # below such a fall of worth its price is a parabola
+_STEP = (0.01, 0.0005)
+_CELLS = 0.3  # a cell's step, as a share of a ring's
+_MEAN, _SQUARE = 0.9, 0.98  # of Adam
+_EVERY = 10  # rounds between two bounds
+_RINGS = np.array([0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 30, 45, 200])  # moves from a device
+_RISE = 0.03  # of worth, from each of the first _STEEP rings to the next, to begin with
+_STEEP = 8
+
+
+@dataclass(frozen=True)
+class Bound:
+    """What no policy can exceed on one episode of DH, on average over the fading.
+
+    Attributes
+    ----------
+    value : float
+        Data units that a policy which lands collects.
+    cr : float
+        The same as a fraction of all data: the mean of CRAL cannot exceed it, either.
+    method : {"data", "rates", "worths"}
+        What gave the bound: all data there are, the rates of a flight without regard to what is left, or worths.
+    rounds : int
+        Rounds of the descent.
+    """
+
+    value: float
+    cr: float
+    method: str
+    rounds: int
+
+
+def harvesting_bound(
+    scenario: Scenario,
+    start: Cell,
+    budget: int,
+    devices: NDArray[np.int32],
+    data: NDArray[np.float64],
+    planned: float = 0.0,
+    rounds: int = 600,
+    seconds: float = math.inf,
+) -> Bound:
+    """Return an upper bound of the data that a landing policy collects, on average over the fading.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of DH, for one UAV.
+    start : (int, int)
+        The landing cell where the episode starts.
+    budget : int
+        Its movement budget, landing included.
+    devices : ndarray of int, shape (K, 2)
+        The devices' cells.
+    data : ndarray of float, shape (K,)
+        Their data units.
+    planned : float, optional
+        What is known to be possible, in data units. It never changes what is valid: a bound as low is not improved on.
+    rounds : int
+        Rounds of the descent. More make the bound better.
+    seconds : float
+        Time to spend. The bound is valid whenever it stops.
+
+    Notes
+    -----
+    Let s be the start, D_d the data of device d, and R_d its rate in a communication step at a position, which is random.
+    Given the worth u_d(c) ∈ [0, 1] of a data unit of every device in every cell, no policy expects more than ::
+
+        Σ D_d (1 − u_d(s)) + max over flights of Σ over their actions, from cell p to cell q, of
+            Σ D_d max(0, u_d(p) − u_d(q)) + Σ over the communication steps of E max_d min(u_d(p), u_d(q)) R_d
+
+    since a unit that is served in a cell is worth u_d there, and what its worth lacks to 1 is paid for all D_d units, once, on
+    the way to that cell: u_d falls by as much. The maximum is a longest walk through time, found by dynamic programming.
+    Every such bound is valid. A smooth version of it is minimised over the worths by Adam (Kingma and Ba, ICLR 2015).
+    """
+    deadline = time.perf_counter() + seconds
+    data = np.asarray(data, dtype=np.float64)
+    total = float(data.sum())
+    value, method, used = total, "data", 0
+    problem = _Problem(scenario, start, budget, np.asarray(devices, dtype=np.int32), data)
+    if planned < value:
+        problem.look_at(np.ones(problem.rings.shape[:2]))
+        unlimited = problem.bound()
+        if unlimited < value:
+            value, method = unlimited, "rates"
+    if planned < value:
+        best, used = _descend(problem, planned, rounds, deadline)
+        if best < value:
+            value, method = best, "worths"
+    return Bound(value, min(value / total, 1.0), method, used)
+
+
+class _Problem:
+    """An episode: a graph, what can be collected in each position, and arrays that every round fills again.
+
+    Attributes
+    ----------
+    graph : Graph
+        Where one flies.
+    data : ndarray of float64, shape (K,)
+        Data units of each device.
+    rings : ndarray of float64, shape (n, K, G)
+        How far beyond each of the ``_RINGS`` around a device a cell is, as a share of the way to the next; first a 1.
+    """
+
+    def __init__(
+        self, scenario: Scenario, start: Cell, budget: int, devices: NDArray[np.int32], data: NDArray[np.float64]
+    ) -> None:
+        assert isinstance(scenario.mission, Harvesting)
+        city = city_of(scenario)
+        channel = channel_of(scenario.mission, city.shape)
+        away = city.distances(start)
+        usable = (away >= 0) & (city.home >= 0) & (away + city.home <= budget - 1)
+        self.graph = graph = _graph_of(city, usable, away, start, budget)
+        self.data, self._steps = data, channel.steps
+        sight = np.array([city.visible(cell) for cell in devices.tolist()])
+        positions = _positions(np.argwhere(usable).astype(np.float64), graph, channel.steps)
+        self._rates = np.empty((len(positions), len(devices), len(_NORMALS)))
+        fill_rates(positions, devices, sight, channel, _NORMALS, self._rates)
+        self._chances, beyond = _spread(_NORMALS)
+        self._missed = graph.actions * channel.steps * len(devices) * max(channel.fading) / math.log(2.0) * beyond
+        moves = np.array([city.distances(cell)[usable] for cell in devices.tolist()]).T
+        beyond_ring = (np.where(moves < 0, _RINGS[-1], moves)[..., None] - _RINGS[:-1]) / np.diff(_RINGS)
+        self.rings = np.concatenate([np.ones((*moves.shape, 1)), np.clip(beyond_ring, 0.0, 1.0)], axis=2)
+
+        n, count = moves.shape
+        self._yields, self._slope = np.zeros((n, 5)), np.zeros((n, 5, count))
+        self._gain, self._often, self._gradient = np.zeros((n, 5)), np.zeros((n, 5)), np.zeros((n, count))
+        self._policy = np.zeros((budget, n, 5), dtype=np.float32)
+
+    def look_at(self, worth: NDArray[np.float64]) -> None:
+        """Take the worths, shape (n, K), that are asked about next."""
+        self._worth = worth
+        fill_yields(self.graph, self._rates, self._steps, worth, self._chances, self._yields, self._slope)
+
+    def bound(self) -> float:
+        """Return the bound that the worths prove."""
+        fill_gains(self.graph, self._worth, self.data, self._yields, 0.0, self._gain)
+        lacking = float(self.data @ (1.0 - self._worth[self.graph.start]))
+        return (lacking + longest(self.graph, self._gain) + self._missed) * (1.0 + _ROUNDING)
+
+    def gradient(self, temperature: float, bend: float) -> NDArray[np.float64]:
+        """Return the gradient, shape (n, K), of a smooth version of the bound."""
+        fill_gains(self.graph, self._worth, self.data, self._yields, bend, self._gain)
+        fly(self.graph, self._gain, temperature, self._policy, self._often)
+        fill_gradient(self.graph, self._worth, self.data, self._slope, bend, self._often, self._gradient)
+        return self._gradient
+
+
+def _graph_of(city: City, usable: NDArray[np.bool_], away: NDArray[np.int32], start: Cell, budget: int) -> Graph:
+    """Return the graph of the ``usable`` cells."""
+    cells = np.argwhere(usable)
+    number = np.full((city.shape[0] + 2, city.shape[1] + 2), -1, dtype=np.int32)  # a margin around the map
+    number[1:-1, 1:-1][usable] = np.arange(len(cells))
+    beside = np.stack([number[cells[:, 0] + down + 1, cells[:, 1] + right + 1] for down, right in OFFSETS[: HOVER + 1]], axis=1)
+    return Graph(beside, away[usable], city.home[usable], int(number[start[0] + 1, start[1] + 1]), budget - 1)
+
+
+def _positions(cells: NDArray[np.float64], graph: Graph, steps: int) -> NDArray[np.float64]:
+    """Return where there is communication: all cells, and ``steps`` − 1 positions within each move to the east or south."""
+    here, action = np.nonzero(graph.beside[:, EAST : SOUTH + 1] >= 0)
+    first, second = cells[here, None], cells[graph.beside[here, EAST + action], None]
+    shares = np.arange(1, steps)[:, None] / steps
+    return np.concatenate([cells, (first + shares * (second - first)).reshape(-1, 2)])
+
+
+def _spread(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """Return chances of ``nodes`` that stand for a normal variable N wherever a convex function's mean is bounded.
+
+    N below the first node counts as that node; the part of N between two nodes is moved to both, its mean kept. What N exceeds
+    the last node by, on average, is returned besides.
+    """
+    exceeded = np.array([math.exp(-x * x / 2) / math.sqrt(2 * math.pi) - x * math.erfc(x / math.sqrt(2)) / 2 for x in nodes])
+    above = -np.diff(exceeded) / np.diff(nodes)  # the mean of P(N > x) between two nodes
+    return -np.diff(np.concatenate([[1.0], above, [0.0]])), float(exceeded[-1])
+
+
+class _Adam:
+    """Adam for one array."""
+
+    def __init__(self, values: NDArray[np.float64]) -> None:
+        self.values = values
+        self._mean, self._square = np.zeros_like(values), np.zeros_like(values)
+        self._mean_weight = self._square_weight = 0.0
+
+    def descend(self, slope: NDArray[np.float64], pace: float) -> None:
+        """Change the values, by about ``pace`` each."""
+        self._mean += (1.0 - _MEAN) * (slope - self._mean)
+        self._square += (1.0 - _SQUARE) * (slope * slope - self._square)
+        self._mean_weight += (1.0 - _MEAN) * (1.0 - self._mean_weight)
+        self._square_weight += (1.0 - _SQUARE) * (1.0 - self._square_weight)
+        self.values -= pace * self._mean / self._mean_weight / (np.sqrt(self._square / self._square_weight) + 1e-3)
+
+
+def _descend(problem: _Problem, planned: float, rounds: int, deadline: float) -> tuple[float, int]:
+    """Return the best bound found, and the rounds it took; stop when it is what is ``planned``.
+
+    A worth is the sum of a part that depends on the moves from the device alone and one that is the cell's own.
+    """
+    by_ring, by_cell = _Adam(np.zeros(problem.rings.shape[1:])), _Adam(np.zeros(problem.rings.shape[:2]))
+    by_ring.values[:, 1 : _STEEP + 1] = _RISE
+    best = math.inf
+    for used in range(rounds):
+        if time.perf_counter() >= deadline or best <= planned:
+            return best, used
+        temperature, bend, step = (a * (b / a) ** (used / rounds) for a, b in (_TEMPERATURE, _BEND, _STEP))
+        worth = np.einsum("nkg,kg->nk", problem.rings, by_ring.values) + by_cell.values
+        problem.look_at(np.clip(worth, 0.0, 1.0))
+        if used % _EVERY == 0 or used == rounds - 1:
+            best = min(best, problem.bound())
+        slope = problem.gradient(temperature, bend)
+        slope *= (slope > 0.0) & (worth > 0.0) | (slope < 0.0) & (worth < 1.0)  # beyond 0 and 1 only the way back counts
+        by_ring.descend(np.einsum("nkg,nk->kg", problem.rings, slope), step)
+        np.maximum(by_ring.values, 0.0, out=by_ring.values)
+        by_cell.descend(slope, step * _CELLS)
+    return best, rounds
