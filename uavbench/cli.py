@@ -129,14 +129,16 @@ def evaluate(
 ) -> None:
     """Score an agent over a split's episodes.
 
-    Prints Landed, CR and CRAL, each with its 95 % confidence interval.
+    Prints Landed, CR and CRAL, each with its 95 % confidence interval, and the gaps to the upper bounds and to the best known
+    flights where the scenario has them.
     """
     from rich.console import Console
 
     from uavbench import ScenarioError
     from uavbench.agent import AgentLoadError, find_agent
-    from uavbench.display import evaluation_progress, result_table
+    from uavbench.display import episodes_progress, gaps_text, result_table
     from uavbench.evaluate import AgentError
+    from uavbench.reference import gaps
     from uavbench.results import ResultError
     from uavbench.run import jobs, run
 
@@ -144,7 +146,7 @@ def evaluate(
     try:
         planned = jobs(find_agent(agent), scenario or ["Manhattan32-CPP-v0"], split, episodes, decision_timeout)
         for job, count in planned:
-            with evaluation_progress(console, f"{job.source.name} on {job.scenario.id}", count) as progress:
+            with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
                 result = run(
                     job,
                     count,
@@ -152,10 +154,13 @@ def evaluate(
                     workers=workers,
                     resume=resume,
                     overwrite=overwrite,
-                    on_start=progress.show,
-                    on_record=progress.advance,
+                    on_start=lambda count=count: progress.show(count),
+                    on_record=lambda record: progress.advance(record.cral),
                 )
             console.print(result_table(result))
+            known = gaps(result)
+            if known:
+                console.print(gaps_text(known), highlight=False)
             console.print(
                 f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; "
                 f"{result.folder}",
@@ -213,6 +218,55 @@ def compare(first: _ResultFolder, second: _ResultFolder) -> None:
         Console().print(comparison_table(a, b, compare_results(a, b)))
     except ResultError as error:
         raise _fail(error) from None
+
+
+@app.command(
+    epilog="\b\nExamples:\n  uavbench bound Manhattan32-CPP-v0 --episodes 10\n"
+    "  uavbench bound Manhattan32-CPP-v0 --result results/Manhattan32-CPP-v0/my_agent --workers 2"
+)
+def bound(
+    scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")],
+    episodes: Annotated[int | None, typer.Option(min=0, help="Bound test episodes from 0 on, so many; all by default.")] = None,
+    result: Annotated[
+        list[Path] | None,
+        typer.Option(help="A folder that evaluate wrote: its scores count where they are the best known; repeatable."),
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Seconds that a bound may take.")] = 20.0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    out: Annotated[Path, typer.Option(help="The folder of the table, <scenario>.csv.")] = Path("reference"),
+) -> None:
+    """Compute what no agent can exceed on test episodes.
+
+    Writes a table of upper bounds and best known scores, and prints their means. It goes on from the table that is there or,
+    if there is none, from the scenario's own: only bounds that are missing, or may gain by more seconds, are computed.
+    """
+    from rich.console import Console
+
+    from uavbench import ScenarioError, load_scenario
+    from uavbench.bounds.run import run_bounds
+    from uavbench.display import episodes_progress, reference_table
+    from uavbench.results import ResultError, load_result
+
+    console = Console()
+    try:
+        loaded, results = load_scenario(scenario), [load_result(folder) for folder in result or ()]
+        with episodes_progress(console, f"bounds of {loaded.id}", "upper bound") as progress:
+            known = run_bounds(
+                loaded,
+                episodes,
+                results,
+                out,
+                seconds=seconds,
+                workers=workers,
+                on_start=progress.show,
+                on_known=lambda known: progress.advance(known.upper_bound),
+            )
+        console.print(reference_table(loaded, known))
+        console.print(str(out / f"{loaded.id}.csv"), highlight=False, soft_wrap=True)
+    except (ScenarioError, ResultError, ImportError) as error:
+        raise _fail(error) from None
+    except KeyboardInterrupt:
+        raise _fail(f"interrupted; what is done is kept in {out}, and the same command goes on", 1) from None
 
 
 @app.command(epilog="\\b\\nExample:\\n  uavbench freeze my_city.toml")

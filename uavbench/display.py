@@ -4,13 +4,14 @@ from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, cast
 
+import numpy as np
 from rich.console import Console, Group
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from uavbench.evaluate import EpisodeRecord
-from uavbench.metrics import Comparison, Interval
+from uavbench.metrics import Comparison, Interval, mean_interval
+from uavbench.reference import Gaps, Reference
 from uavbench.results import Result
 from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
 
@@ -90,44 +91,77 @@ def comparison_table(first: Result, second: Result, comparison: Mapping[str, Com
     return Group(Text(title, style="bold"), table)
 
 
+def gaps_text(gaps: Gaps) -> str:
+    """Return how far a result is from what is known, in percentage points of CRAL."""
+    lines: list[str] = []
+    for label, gap, count in (("bound", gaps.to_bound, gaps.bounded), ("best known", gaps.to_best, gaps.compared)):
+        if gap:
+            points = f"{100 * gap.mean:.1f} {_bounds(gap)}"
+            lines.append(f"gap to {label:11}{points} points of CRAL, over {count:,} episodes")
+    if gaps.optimal:
+        lines.append(f"proved optimal on {gaps.optimal:,} episodes")
+    if gaps.better:
+        lines.append(f"better than the best known on {gaps.better:,} episodes: uavbench bound --result records it")
+    return "\n".join(lines)
+
+
+def reference_table(scenario: Scenario, reference: Reference) -> Group:
+    """Return what `uavbench bound` prints: means of what is known, in per cent."""
+    known = list(reference.values())
+    bound, best = (np.array([getattr(k, name) for k in known]) for name in ("upper_bound", "best_known"))
+    table = Table(header_style="bold")
+    for column in ("CRAL", "mean %", "95 % confidence interval", "episodes"):
+        table.add_column(column, justify="left" if column == "CRAL" else "right")
+    for name, values in {"upper bound": bound, "best known": best, "gap": bound - best}.items():
+        there = values[~np.isnan(values)]
+        if len(there):
+            interval = mean_interval(there)
+            table.add_row(name, f"{100 * interval.mean:.1f}", _bounds(interval), f"{len(there):,}")
+    optimal = sum(k.proved_optimal for k in known)
+    title = f"{scenario.id}, test episodes" + (f", {optimal:,} proved optimal" if scenario.mission.exact else "")
+    return Group(Text(title, style="bold"), table)
+
+
 def _bounds(interval: Interval, sign: str = "") -> str:
     return f"[{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
 
 
-class EvaluationProgress:
-    """The bar that runs while episodes are flown, with the mean CRAL so far."""
+class EpisodesProgress:
+    """The bar that runs while episodes are flown or bounded, with the mean of what comes out so far."""
 
-    def __init__(self, progress: Progress, label: str, total: int) -> None:
+    def __init__(self, progress: Progress, label: str, name: str) -> None:
         self._progress = progress
-        self._task = progress.add_task(label, total=total, cral="starting (the first run compiles)")
+        self._task = progress.add_task(label, total=None, mean="starting (the first run compiles)")
+        self._name = name
         self._sum = 0.0
         self._count = 0
 
-    def show(self) -> None:
-        """Show the bar: flying begins."""
+    def show(self, total: int) -> None:
+        """Show the bar: ``total`` episodes begin."""
+        self._progress.update(self._task, total=total)
         self._progress.start()
 
-    def advance(self, record: EpisodeRecord) -> None:
-        """Count a finished episode."""
-        self._sum += record.cral
+    def advance(self, value: float) -> None:
+        """Count an episode that is done, in which ``value`` came out."""
+        self._sum += value
         self._count += 1
-        self._progress.update(self._task, advance=1, cral=f"CRAL {100 * self._sum / self._count:.1f} %")
+        self._progress.update(self._task, advance=1, mean=f"{self._name} {100 * self._sum / self._count:.1f} %")
 
 
 @contextmanager
-def evaluation_progress(console: Console, label: str, total: int) -> Generator[EvaluationProgress]:
-    """Show the progress of an evaluation, from its `show` to the end of the block."""
+def episodes_progress(console: Console, label: str, name: str) -> Generator[EpisodesProgress]:
+    """Show the progress of a run over episodes, from its `show` to the end of the block."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[cral]}"),
+        TextColumn("{task.fields[mean]}"),
     )
     progress = Progress(*columns, console=console)
     try:
-        yield EvaluationProgress(progress, label, total)
+        yield EpisodesProgress(progress, label, name)
     finally:
         if progress.live.is_started:
             progress.stop()

@@ -1,5 +1,6 @@
 """Checking results: simulating the recorded actions again, and comparing two agents on the same episodes."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 
 import numpy as np
@@ -12,6 +13,7 @@ from uavbench.metrics import METRICS, Comparison, compare
 from uavbench.results import COLUMNS, Result, ResultError, metrics_of
 from uavbench.scenario import Scenario, SplitName, load_scenario
 from uavbench.simulator import Simulator
+from uavbench.state import State
 
 
 def replay(result: Result, scenario_file: str | None = None) -> list[str]:
@@ -77,13 +79,23 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
     return wrong
 
 
-def fly_recorded(scenario: Scenario, split: SplitName, number: int, actions: NDArray[np.uint8]) -> EpisodeRecord | None:
-    """Fly an episode with recorded actions; return None when they are not those of a whole episode."""
+def fly_recorded(
+    scenario: Scenario,
+    split: SplitName,
+    number: int,
+    actions: NDArray[np.uint8],
+    watch: Callable[[State], None] = lambda state: None,
+) -> EpisodeRecord | None:
+    """Fly an episode with recorded actions, ``watch`` being shown the state at the start and after every step.
+
+    Returns None when they are not the actions of a whole episode.
+    """
     if actions.ndim != 2 or actions.shape[1] != scenario.most_uavs:
         return None
     simulator = Simulator(scenario, 1)
     simulator.reset([0], split, [number])
     state, total = simulator.state, 0.0
+    watch(state)
     for row in actions:
         flying = ~state.done[0]
         if not flying.any() or (row[flying] >= NUM_ACTIONS).any() or (row[~flying] != NO_ACTION).any():
@@ -92,6 +104,7 @@ def fly_recorded(scenario: Scenario, split: SplitName, number: int, actions: NDA
         simulator.step(chosen[None] if scenario.team else chosen)
         for reward in state.reward[0].tolist():
             total += reward
+        watch(state)
     if not state.done.all():
         return None
     uavs = int(state.uavs[0])

@@ -1,0 +1,104 @@
+"""Upper bounds of a scenario's test episodes, many at once."""
+
+from collections.abc import Generator, Iterable, Sequence
+from functools import partial
+from typing import Any, NamedTuple, cast
+
+import joblib  # pyright: ignore[reportMissingTypeStubs]
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.bounds.coverage import coverage_bound
+from uavbench.bounds.harvesting import harvesting_bound
+from uavbench.planning import coverage
+from uavbench.reference import SPLIT
+from uavbench.replay import fly_recorded
+from uavbench.results import Result
+from uavbench.scenario import Scenario, ScenarioError
+from uavbench.simulator import Simulator
+
+_PLAN_CHANGES = 500_000  # of the search for a plan where no result has one
+
+Cell = tuple[int, int]
+
+
+class EpisodeBound(NamedTuple):
+    """The upper bound of the CRAL of one test episode, in [0, 1], and what gave it."""
+
+    episode: int
+    value: float
+    method: str
+
+
+def check_boundable(scenario: Scenario) -> None:
+    """Refuse a scenario that has no bounds."""
+    if scenario.team:
+        raise ScenarioError(f"{scenario.id}: uavs: bounds are for scenarios of one UAV")
+
+
+def bound_episodes(
+    scenario: Scenario, numbers: Sequence[int], results: Iterable[Result], seconds: float, workers: int = 1
+) -> Generator[EpisodeBound]:
+    """Bound test episodes, yielding each as it is done.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of one UAV.
+    numbers : sequence of int
+        Which episodes.
+    results : iterable of Result
+        In CPP the best of their flights helps the bound; where there is none, a quick search does.
+    seconds : float
+        That each bound may take.
+    workers : int
+        Processes.
+    """
+    flights = _best_flights(results) if scenario.mission.kind == "coverage" else {}
+    tasks = [(number, flights.get(number)) for number in numbers]
+    bound = partial(_bound, scenario, seconds=seconds)
+    if workers == 1:
+        yield from (bound(*task) for task in tasks)
+        return
+    parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
+    delayed: Any = cast("Any", joblib).delayed(bound)
+    yield from parallel(delayed(*task) for task in tasks)
+
+
+def _best_flights(results: Iterable[Result]) -> dict[int, NDArray[np.uint8]]:
+    """Return for every episode the actions of the best flight of all results that lands."""
+    best: dict[int, tuple[float, NDArray[np.uint8]]] = {}
+    for result in results:
+        actions, table = result.actions(), result.episodes()
+        for number, cral, landed in zip(
+            table["episode"].tolist(), table["cral"].tolist(), table["landed"].tolist(), strict=True
+        ):
+            if landed and cral > best.get(number, (-1.0,))[0]:
+                best[number] = (cral, actions[number])
+    return {number: actions for number, (_, actions) in best.items()}
+
+
+def _bound(scenario: Scenario, number: int, actions: NDArray[np.uint8] | None, seconds: float) -> EpisodeBound:
+    """Bound one episode."""
+    simulator = Simulator(scenario, 1)
+    simulator.reset([0], SPLIT, [number])
+    state = simulator.state
+    start, budget = _cell(state.position), int(state.budget[0, 0])
+    if scenario.mission.kind == "harvesting":
+        view = simulator.mission.view(0)
+        collected = harvesting_bound(scenario, start, budget, view["device_cell"], view["device_data"], seconds=seconds)
+        return EpisodeBound(number, collected.cr, collected.method)
+    plan: list[Cell] = []
+    if actions is None:
+        plan = coverage.search(scenario, state.target[0], [start], [budget], seed=number, moves=_PLAN_CHANGES).flights[0]
+    else:
+        fly_recorded(scenario, SPLIT, number, actions, lambda state: plan.append(_cell(state.position)))
+        plan.pop()  # it landed where it was
+    covered = coverage_bound(scenario, start, budget, state.target[0], plan, seconds)
+    return EpisodeBound(number, covered.cr, covered.method)
+
+
+def _cell(position: NDArray[np.int32]) -> Cell:
+    """Return where the only UAV of the only slot is."""
+    r, c = position[0, 0].tolist()
+    return r, c
