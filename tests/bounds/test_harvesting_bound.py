@@ -79,7 +79,7 @@ def episodes(draw):
     return scenario(rows, mission), draw_start(data, rows), draw(st.integers(1, 6)), draw_devices(data, rows)
 
 
-@settings(max_examples=25)
+@settings(max_examples=60)
 @given(episodes(), st.integers(0, 99))
 def test_is_never_below_the_optimum_whatever_the_worths(episode, seed):
     best = optimum(*episode) * (1 - 1e-12)
@@ -187,7 +187,7 @@ def test_gradient_is_that_of_the_bound():
 
 def test_descent_finds_that_one_cannot_be_in_two_places():
     world = scenario((".......L.......", *["#" * 15] * 3), {**STILL, "edge_snr": -35.0})
-    for budget, most in ((18, 2.1), (22, 2.9), (26, 3.3)):  # data units, of 4; half of these are far from the other half
+    for budget, most in ((18, 2.1), (22, 2.75), (26, 3.2)):  # data units, of 4; half of these are far from the other half
         bound = bound_of(world, (0, 7), budget, [[0, 0, 2.0], [0, 14, 2.0]])
         assert bound.method == "worths"
         assert bound.value < most
