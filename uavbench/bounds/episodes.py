@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from uavbench.bounds.coverage import coverage_bound
 from uavbench.bounds.harvesting import harvesting_bound
 from uavbench.planning import coverage
-from uavbench.reference import SPLIT
+from uavbench.reference import SPLIT, Known, Reference
 from uavbench.replay import fly_recorded
 from uavbench.results import Result
 from uavbench.scenario import Scenario, ScenarioError
@@ -37,7 +37,7 @@ def check_boundable(scenario: Scenario) -> None:
 
 
 def bound_episodes(
-    scenario: Scenario, numbers: Sequence[int], results: Iterable[Result], seconds: float, workers: int = 1
+    scenario: Scenario, numbers: Sequence[int], known: Reference, results: Iterable[Result], seconds: float, workers: int = 1
 ) -> Generator[EpisodeBound]:
     """Bound test episodes, yielding each as it is done.
 
@@ -47,6 +47,8 @@ def bound_episodes(
         Of one UAV.
     numbers : sequence of int
         Which episodes.
+    known : Reference
+        Where all data have been collected, the bound of DH is not sought below them.
     results : iterable of Result
         In CPP the best of their flights helps the bound; where there is none, a quick search does.
     seconds : float
@@ -55,7 +57,7 @@ def bound_episodes(
         Processes.
     """
     flights = _best_flights(results) if scenario.mission.kind == "coverage" else {}
-    tasks = [(number, flights.get(number)) for number in numbers]
+    tasks = [(number, known.get(number, Known(number)).best_known, flights.get(number)) for number in numbers]
     bound = partial(_bound, scenario, seconds=seconds)
     if workers == 1:
         yield from (bound(*task) for task in tasks)
@@ -78,7 +80,7 @@ def _best_flights(results: Iterable[Result]) -> dict[int, NDArray[np.uint8]]:
     return {number: actions for number, (_, actions) in best.items()}
 
 
-def _bound(scenario: Scenario, number: int, actions: NDArray[np.uint8] | None, seconds: float) -> EpisodeBound:
+def _bound(scenario: Scenario, number: int, best: float, actions: NDArray[np.uint8] | None, seconds: float) -> EpisodeBound:
     """Bound one episode."""
     simulator = Simulator(scenario, 1)
     simulator.reset([0], SPLIT, [number])

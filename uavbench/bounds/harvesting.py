@@ -29,6 +29,7 @@ _STEP = (0.01, 0.0005)
 _CELLS = 0.3  # a cell's step, as a share of a ring's
 _MEAN, _SQUARE = 0.9, 0.98  # of Adam
 _EVERY = 10  # rounds between two bounds
+_HOPELESS = 1.2  # bounds that are as many times all data after a third of the rounds hardly ever fall below all data
 _RINGS = np.array([0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 30, 45, 200])  # moves from a device
 _RISE = 0.03  # of worth, from each of the first _STEEP rings to the next, to begin with
 _STEEP = 8
@@ -228,6 +229,8 @@ def _descend(problem: _Problem, planned: float, rounds: int, deadline: float) ->
     best = math.inf
     for used in range(rounds):
         if time.perf_counter() >= deadline or best <= planned:
+            return best, used
+        if used == rounds // 3 and best > _HOPELESS * problem.data.sum():
             return best, used
         temperature, bend, step = (a * (b / a) ** (used / rounds) for a, b in (_TEMPERATURE, _BEND, _STEP))
         worth = np.einsum("nkg,kg->nk", problem.rings, by_ring.values) + by_cell.values

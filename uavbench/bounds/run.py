@@ -71,7 +71,7 @@ def run_bounds(
     _save(path, scenario, known)
     numbers = [number for number in range(size if episodes is None else episodes) if _is_open(known.get(number), seconds)]
     on_start(len(numbers))
-    for bound in bound_episodes(scenario, numbers, results, seconds, workers):
+    for bound in bound_episodes(scenario, numbers, known, results, seconds, workers):
         old = known.get(bound.episode, Known(bound.episode))
         known[bound.episode] = bounded(old, scenario, bound.value, bound.method, seconds)
         _save(path, scenario, known)
