@@ -204,6 +204,11 @@ def test_stops_valid_when_time_or_rounds_are_up_or_the_plan_is_as_good():
     assert (all_data.value, all_data.cr, all_data.method, all_data.rounds) == (23.0, 1.0, "data", 0)
 
 
+def test_gives_up_where_there_is_far_more_time_than_data():
+    bound = bound_of(scenario(OPEN, STILL), (0, 0), 200, [[2, 3, 9.0], [4, 1, 14.0]])
+    assert (bound.value, bound.cr, bound.method, bound.rounds) == (23.0, 1.0, "data", 200)
+
+
 @pytest.mark.parametrize("rows", [OPEN, WALLED])
 def test_a_budget_of_one_is_for_landing(rows):
     bound = bound_of(scenario(rows, HARVESTING), (0, 0), 1, [[3, 3, 5.0]])
