@@ -36,20 +36,25 @@ class AgentSource:
         The Python file.
     class_name : str
         The class in it.
+    weights : Path, optional
+        What the class is given besides the scenario: a file that ``uavbench train`` wrote.
     """
 
     path: Path
     class_name: str = "Agent"
+    weights: Path | None = None
 
     @property
     def name(self) -> str:
-        """The file's stem, and the class when it is not ``Agent``: what results are filed under."""
+        """The file's stem, and the class when it is not ``Agent``: what results are filed under. With weights their stem."""
+        if self.weights:
+            return self.weights.stem
         return self.path.stem if self.class_name == "Agent" else f"{self.path.stem}.{self.class_name}"
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the file."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        """SHA-256 of the file, or of the weights."""
+        return hashlib.sha256((self.weights or self.path).read_bytes()).hexdigest()
 
     @property
     def track(self) -> Track:
@@ -66,6 +71,19 @@ class AgentSource:
         team_first = ("act_team", "act_batch", "act") if scenario.team else ("act_batch", "act", "act_team")
         return next(name for name in team_first if name in self.calls)
 
+    def module(self) -> ModuleType:
+        """Return the file as a module.
+
+        Raises
+        ------
+        AgentLoadError
+            When it cannot be imported.
+        """
+        try:
+            return _module(self.path.resolve(), hashlib.sha256(self.path.read_bytes()).hexdigest())
+        except (Exception, SystemExit) as error:
+            raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
+
     def load(self) -> Any:
         """Return the agent's class.
 
@@ -74,10 +92,7 @@ class AgentSource:
         AgentLoadError
             When the file has no such class, or the class does not keep the contract.
         """
-        try:
-            found = getattr(_module(self.path.resolve(), self.sha256), self.class_name, None)
-        except (Exception, SystemExit) as error:
-            raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
+        found = getattr(self.module(), self.class_name, None)
         if not inspect.isclass(found):
             raise AgentLoadError(f"{self.path}: has no class {self.class_name}; name yours as {self.path}:YourClass")
         if not any(callable(getattr(found, name, None)) for name in CALLS):
@@ -97,7 +112,7 @@ class AgentSource:
 
     def make(self, scenario: Scenario) -> Any:
         """Return a new agent for ``scenario``; what its ``__init__`` raises passes through."""
-        return self.load()(scenario)
+        return self.load()(scenario, self.weights) if self.weights else self.load()(scenario)
 
 
 _MODULES: dict[tuple[Path, str], ModuleType] = {}
@@ -119,7 +134,7 @@ def _module(path: Path, sha256: str) -> ModuleType:
 
 
 def find_agent(spec: str) -> AgentSource:
-    """Find an agent: a built-in's name, ``path.py`` or ``path.py:Class``.
+    """Find an agent: a built-in's name, ``path.py``, ``path.py:Class``, or ``path.safetensors``, weights of a built-in.
 
     Raises
     ------
@@ -129,15 +144,32 @@ def find_agent(spec: str) -> AgentSource:
     built_in = resources.baseline_paths()
     if spec in built_in:
         return AgentSource(built_in[spec])
+    if spec.endswith(".safetensors"):
+        return _trained(Path(spec).expanduser(), built_in)
     name, _, class_name = spec.partition(".py:")
     if class_name:
         name += ".py"
     path = Path(name).expanduser()
     if not name.endswith(".py"):
-        raise AgentLoadError(f"--agent {spec}: neither a .py file nor a built-in; built in are {', '.join(built_in)}")
+        raise AgentLoadError(
+            f"--agent {spec}: neither a .py file, nor weights (.safetensors), nor a built-in; built in are {', '.join(built_in)}"
+        )
     if not path.is_file():
         raise AgentLoadError(f"--agent {spec}: there is no file {path}")
     return AgentSource(path, class_name or "Agent")
+
+
+def _trained(weights: Path, built_in: dict[str, Path]) -> AgentSource:
+    """Return the built-in agent that weights are of."""
+    from uavbench.weights import WeightsError, load_weights
+
+    try:
+        agent = load_weights(weights)[1].get("agent")
+    except (WeightsError, ImportError) as error:
+        raise AgentLoadError(f"--agent {error}") from None
+    if agent not in built_in:
+        raise AgentLoadError(f"--agent {weights}: weights of {agent}, which is not built in")
+    return AgentSource(built_in[agent], weights=weights)
 
 
 def write_template(path: Path) -> None:

@@ -18,7 +18,7 @@ _30, _27, _31, _32, _11 = (np.uint64(n) for n in (30, 27, 31, 32, 11))
 _UNIT = 1.0 / 9007199254740992.0  # 2⁻⁵³
 
 # What a stream is for: streams of one key with different purposes are independent.
-START, CONTENT, NOISE, AGENT, TEAM = (np.uint64(n) for n in (1, 2, 3, 4, 17))  # why 17: ADR 5
+START, CONTENT, NOISE, AGENT, SCATTER, TEAM = (np.uint64(n) for n in (1, 2, 3, 4, 5, 17))  # why 17: ADR 5
 
 
 @kernel

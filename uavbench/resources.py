@@ -1,4 +1,4 @@
-"""Where the shipped scenarios and baselines are, in a wheel and in a checkout alike."""
+"""Where the shipped scenarios, baselines and weights are, in a wheel and in a checkout alike."""
 
 from pathlib import Path
 
@@ -21,3 +21,9 @@ def scenario_paths() -> dict[str, Path]:
 def baseline_paths() -> dict[str, Path]:
     """Return the file of every shipped baseline agent, by name, in alphabetical order."""
     return {path.stem: path for path in sorted(_folder("baselines").glob("*.py"))}
+
+
+def shipped_weights(agent: str) -> dict[str, Path]:
+    """Return the files of the weights that a built-in agent comes with, by the scenario's id."""
+    found = sorted((_folder("baselines") / "weights").glob(f"{agent}-*.safetensors"))
+    return {path.stem.removeprefix(f"{agent}-"): path for path in found}

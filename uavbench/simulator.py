@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from uavbench.city import HOVER, LAND, NUM_ACTIONS, OFFSETS, City, city_of
 from uavbench.episode import Columns, check_number, episode_keys, frozen_columns
 from uavbench.kernel import kernel
-from uavbench.keyed import START, TEAM, next_integer, stream
+from uavbench.keyed import SCATTER, START, TEAM, next_integer, stream
 from uavbench.missions import mission_of
 from uavbench.options import read_budget, read_noise, read_start, read_uavs
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, SplitName
@@ -98,6 +98,29 @@ class Simulator:
         self.state.key[index] = keys
         _start(self.state, index, self.city.landing_cells, *self.scenario.budget, *(self.scenario.uavs or (1, 1)))
         self.mission.sample(self.state, index)
+
+    def scatter(self, index: NDArray[np.int64]) -> None:
+        """Move the UAVs of episodes just started in the slots ``index`` anywhere, with any budget they can land with.
+
+        For training: a learner sees states that it would seldom come to. Cells, no two alike, and budgets up to the scenario's
+        largest are drawn from the episode's key.
+        """
+        free = np.argwhere(self.city.home >= 0).astype(np.int32)
+        _scatter(self.state, np.asarray(index, dtype=np.int64), free, self.city.home, self.scenario.budget[1])
+        self._splits[index], self._numbers[index] = _CUSTOM, -1
+
+    def snapshot(self) -> Columns:
+        """Return everything that changes, as fresh arrays: `resume` goes on from them."""
+        arrays = {name: array.copy() for name, array in self.state._asdict().items()}
+        mission = {name: column.copy() for name, column in self.mission.columns(self.state, np.arange(self.num_envs)).items()}
+        return {**mission, **arrays, "splits": self._splits.copy(), "numbers": self._numbers.copy()}
+
+    def resume(self, arrays: Columns) -> None:
+        """Go on from a `snapshot` of a simulator of the same scenario and as many slots."""
+        self.mission.restore(self.state, np.arange(self.num_envs), arrays)
+        for name, array in self.state._asdict().items():
+            array[:] = arrays[name]
+        self._splits[:], self._numbers[:] = arrays["splits"], arrays["numbers"]
 
     def columns(self) -> Columns:
         """Return the episodes of all slots as they started, as columns of a table: what a frozen file holds."""
@@ -283,6 +306,24 @@ def _start(
             state.landed[i, u] = state.done[i, u] = u >= state.uavs[i]
             state.reward[i, u] = 0.0
         state.noise[i] = True
+
+
+@kernel
+def _scatter(state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int) -> None:
+    """Draw cells among ``free``, and budgets that allow to land, for the UAVs of the slots ``index``."""
+    cursor = np.empty(1, dtype=np.uint64)
+    for i in index:
+        cursor[0] = stream(state.key[i], SCATTER)
+        for u in range(state.uavs[i]):
+            taken = True
+            while taken:
+                cell = free[next_integer(cursor, len(free))]
+                taken = home[cell[0], cell[1]] >= largest
+                for w in range(u):
+                    taken = taken or (state.position[i, w, 0] == cell[0] and state.position[i, w, 1] == cell[1])
+            state.position[i, u] = state.previous[i, u] = cell
+            least = home[cell[0], cell[1]] + 1
+            state.budget[i, u] = state.initial_budget[i, u] = least + next_integer(cursor, largest - least + 1)
 
 
 @kernel

@@ -1,0 +1,427 @@
+"""DDQN: the paper's agent, which learns Q-values from the global and the local map, and how it is trained.
+
+Theile, Bayerlein, Nai, Gesbert, Caccamo, ICAR 2021: the network (fig. 1, table I), double Q-learning (eqs. 17, 18; van
+Hasselt, Guez, Silver, AAAI 2016), softmax exploration, combined experience replay (Zhang, Sutton 2017). The configuration
+``paper`` is theirs. ``fast`` learns the same network, by the same double Q-values, on many environments at once, from segments
+of several steps with λ-returns over their bootstraps (Peng, Williams, ICML 1994), and begins a share of its episodes anywhere.
+
+Needs PyTorch: ``pip install 'uavbench[ddqn]'``.
+"""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import nn
+
+from uavbench.city import LAND, NUM_ACTIONS, OFFSETS
+from uavbench.keyed import mix
+from uavbench.observation import Observer
+from uavbench.simulator import Simulator
+from uavbench.state import new_state
+from uavbench.weights import load_weights, weights_path
+
+
+@dataclass(frozen=True)
+class Config:
+    """How to train.
+
+    Attributes
+    ----------
+    updates : int
+        Gradient steps in all.
+    environments : int
+        Episodes side by side. In each round all of them make a step and the network an update, the first rounds apart.
+    batch, segment : int
+        How many segments an update learns from, and of how many steps each.
+    trace : float
+        λ: 0 for one-step targets, 1 for what was collected until the end of the segment.
+    replay, prefill : int
+        Steps that are remembered at most, and taken at random before the first update.
+    discount, soft_update, temperature : float
+        The paper's γ, τ and softmax temperature; the last is in units of the scaled reward.
+    reward_scale, budget_scale : float
+        What rewards, and the budget as an input, are multiplied with.
+    rate, last_rate : float
+        Learning rate, and what share of it is left at the end: it falls by a cosine, after ``flat`` of the updates.
+    warmup : int
+        Updates in which the learning rate rises from 0.
+    flat : float
+        Share of the updates.
+    amsgrad : bool
+        Adam's variant.
+    huber, clip : float
+        Where the loss becomes linear, and the greatest norm of a gradient; 0 for neither.
+    anywhere, last_anywhere : float
+        Share of episodes that start in any cell with any budget, at the beginning and in the end.
+    careful : float
+        Share of the environments in which no action is tried that loses the way home.
+    validation : int
+        Updates from one validation to the next.
+    """
+
+    updates: int
+    environments: int = 1
+    batch: int = 128
+    segment: int = 1
+    trace: float = 0.0
+    replay: int = 50_000
+    prefill: int = 25_000
+    discount: float = 0.95
+    soft_update: float = 0.005
+    temperature: float = 0.1
+    reward_scale: float = 1.0
+    budget_scale: float = 1.0
+    rate: float = 3e-5
+    last_rate: float = 1.0
+    warmup: int = 0
+    flat: float = 1.0
+    amsgrad: bool = True
+    huber: float = 0.0
+    clip: float = 0.0
+    anywhere: float = 0.0
+    last_anywhere: float = 0.0
+    careful: float = 0.0
+    validation: int = 1000
+
+
+CONFIGS = {
+    "paper": Config(updates=2_000_000, validation=20_000),
+    "fast": Config(
+        updates=40_000,
+        environments=128,
+        batch=64,
+        segment=8,
+        trace=0.7,
+        replay=65_536,
+        prefill=8_192,
+        temperature=0.01,
+        reward_scale=0.1,
+        budget_scale=0.1,
+        rate=5e-4,
+        last_rate=0.02,
+        warmup=200,
+        flat=0.3,
+        amsgrad=False,
+        huber=1.0,
+        clip=5.0,
+        anywhere=0.5,
+        last_anywhere=0.1,
+        careful=0.25,
+    ),
+}
+
+
+class Network(nn.Module):
+    """Q-values of the six actions, from both maps and the budget (the paper's fig. 1).
+
+    Parameters
+    ----------
+    observer : Observer
+        Whose observations it takes: their shapes.
+    kernels, kernel_size, hidden : int
+        The paper's n_k = 16 and s_k = 5, and the width of its three dense layers.
+    budget_scale : float
+        What the budget is multiplied with.
+    """
+
+    def __init__(self, observer, kernels=16, kernel_size=5, hidden=256, budget_scale=1.0):
+        super().__init__()
+        shapes = {"local": observer.local_shape, "global": observer.global_shape}
+        self.maps = [name for name, shape in shapes.items() if shape[1]]
+        self.budget_scale = budget_scale
+        self.branches = nn.ModuleDict()
+        self.inputs = 1  # of the first dense layer, N of table IV: the budget is one
+        for name in self.maps:
+            layers, height, width = shapes[name]
+            size = min(kernel_size, (height + 1) // 2, (width + 1) // 2)  # two convolutions must fit a tiny map, too
+            self.branches[f"{name}_map"] = nn.Sequential(
+                nn.Conv2d(layers, kernels, size),
+                nn.ReLU(inplace=True),
+                nn.Conv2d(kernels, kernels, size),
+                nn.ReLU(inplace=True),
+                nn.Flatten(),
+            )
+            self.inputs += kernels * (height - 2 * (size - 1)) * (width - 2 * (size - 1))
+        widths = [self.inputs, hidden, hidden, hidden]
+        dense = [layer for pair in itertools.pairwise(widths) for layer in (nn.Linear(*pair), nn.ReLU(inplace=True))]
+        self.dense = nn.Sequential(*dense, nn.Linear(hidden, NUM_ACTIONS))
+
+    def forward(self, observation):
+        """Return Q-values, shape (B, 6), of a batch of observations."""
+        parts = [self.branches[f"{name}_map"](observation[name]) for name in self.maps]
+        return self.dense(torch.cat([*parts, self.budget_scale * observation["budget"]], dim=1))
+
+
+def tensors(observation):
+    """Return an observation's arrays as tensors, maps in the memory format that convolutions like."""
+    found = {name: torch.from_numpy(values) for name, values in observation.items()}
+    return {
+        name: values.contiguous(memory_format=torch.channels_last) if values.dim() == 4 else values
+        for name, values in found.items()
+    }
+
+
+class Replay:
+    """The last steps of all environments, as states small enough to be many; observations are made anew.
+
+    A step of environment e at time t is the state before it, its action, its reward, and whether the episode ended.
+    """
+
+    def __init__(self, scenario, environments, capacity):
+        self._scenario, self._observer = scenario, Observer(scenario)
+        self.length = max(2, capacity // environments)
+        self.written = 0
+        shape, exact = (self.length, environments), scenario.mission.kind == "coverage"
+        self.arrays = {
+            "target": np.zeros((*shape, *scenario.shape), dtype=np.bool_ if exact else np.float16),
+            "position": np.zeros((*shape, 2), dtype=np.int16),
+            "budget": np.zeros(shape, dtype=np.int16),
+            "action": np.zeros(shape, dtype=np.int64),
+            "reward": np.zeros(shape, dtype=np.float32),
+            "done": np.zeros(shape, dtype=np.bool_),
+        }
+        self._scratch = {}
+
+    def add_states(self, state):
+        """Begin a step: remember where the environments are."""
+        at = self.written % self.length
+        self.arrays["target"][at] = state.target
+        self.arrays["position"][at] = state.position[:, 0]
+        self.arrays["budget"][at] = state.budget[:, 0]
+
+    def add_results(self, actions, rewards, done):
+        """End the step."""
+        at = self.written % self.length
+        for name, values in {"action": actions, "reward": rewards, "done": done}.items():
+            self.arrays[name][at] = values
+        self.written += 1
+
+    def sample(self, batch, segment, random):
+        """Return segments: observations of their ``segment`` + 1 states, actions, rewards, ends; time first.
+
+        The newest step is in one of them, always (combined experience replay).
+        """
+        kept = min(self.written, self.length) - 1  # of the newest step it is not known yet where it leads
+        back = random.integers(segment, kept + 1, batch)
+        back[0] = segment
+        environment = random.integers(self.arrays["done"].shape[1], size=batch)
+        time = (self.written - 1 - back + np.arange(segment + 1)[:, None]) % self.length
+        picked = {name: values[time, environment] for name, values in self.arrays.items()}
+        observation = self._observe(picked)
+        return observation, *(picked[name][:-1] for name in ("action", "reward", "done"))
+
+    def _observe(self, picked):
+        """Return the observations of states, time first, as one batch."""
+        count = picked["budget"].size
+        if count not in self._scratch:
+            self._scratch[count] = new_state(count, 1, self._scenario.shape)
+        state = self._scratch[count]
+        state.target[:] = picked["target"].reshape(state.target.shape)
+        state.row_targets[:] = state.target.any(axis=2)
+        state.position[:, 0] = picked["position"].reshape(-1, 2)
+        state.budget[:, 0] = picked["budget"].reshape(-1)
+        observation = self._observer.empty(count)
+        self._observer.write(state, np.arange(count), observation)
+        return tensors(observation)
+
+
+class Learner:
+    """Training: environments, memory and network. `advance` goes on by one update.
+
+    Everything random comes from the seed and the number of the round, so that training which was interrupted, its arrays
+    saved and set again, goes on as if it had not been.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        Of one UAV.
+    config : Config
+    seed : int
+    """
+
+    def __init__(self, scenario, config, seed):
+        self.scenario, self.config, self.seed = scenario, config, seed
+        torch.manual_seed(seed)
+        self._observer = Observer(scenario)
+        self.network = Network(self._observer, budget_scale=config.budget_scale).to(memory_format=torch.channels_last)
+        self._target = Network(self._observer, budget_scale=config.budget_scale).to(memory_format=torch.channels_last)
+        self._target.load_state_dict(self.network.state_dict())
+        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.rate, amsgrad=config.amsgrad, fused=True)
+        self._replay = Replay(scenario, config.environments, config.replay)
+        self._simulator = Simulator(scenario, config.environments)
+        self._observation = self._observer.empty(config.environments)
+        self._careful = np.arange(config.environments) < config.careful * config.environments
+        self._all = np.arange(config.environments)
+        self.updates = self._rounds = self._started = 0
+        self._begin(self._all)
+
+    @property
+    def samples(self):
+        """How many steps have been learned from, each as often as it was."""
+        return self.updates * self.config.batch * self.config.segment
+
+    def advance(self):
+        """Take a step in every environment and learn once; return what to plot."""
+        while self._replay.written * self.config.environments < self.config.prefill:
+            self._act(explore=True)
+        self._act()
+        return self._learn()
+
+    # Acting.
+
+    def _begin(self, index):
+        """Start the next episodes of the train split in the slots ``index``, a share of them anywhere."""
+        config, done = self.config, self.updates / self.config.updates
+        numbers = np.arange(self._started, self._started + len(index), dtype=np.uint64)
+        numbers = np.array([int(mix(np.uint64(self.seed << 40) + number)) >> 2 for number in numbers])
+        self._simulator.reset(index, "train", numbers)
+        anywhere = config.anywhere + (config.last_anywhere - config.anywhere) * done
+        self._simulator.scatter(index[self._random(1).random(len(index)) < anywhere])
+        self._started += len(index)
+
+    def _random(self, purpose):
+        """Return the generator of this round for one purpose."""
+        return np.random.default_rng((self.seed, self._rounds, purpose))
+
+    def _act(self, explore=False):
+        """Take a step in every environment, by softmax over the Q-values or uniformly, and remember it."""
+        config, simulator, random = self.config, self._simulator, self._random(0)
+        state = simulator.state
+        score = random.gumbel(size=(config.environments, NUM_ACTIONS))  # the highest of value + gumbel is a softmax's pick
+        if not explore:
+            self._observer.write(state, self._all, self._observation)
+            with torch.no_grad():
+                score += self.network(tensors(self._observation)).numpy() / config.temperature
+        score[self._careful] += np.where(self._homeward()[self._careful], 0.0, -np.inf)
+        actions = score.argmax(axis=1)
+        self._replay.add_states(state)
+        simulator.step(actions)
+        self._replay.add_results(actions, config.reward_scale * state.reward[:, 0], state.done[:, 0])
+        self._rounds += 1
+        over = np.flatnonzero(state.done[:, 0])
+        if len(over):
+            self._begin(over)
+
+    def _homeward(self):
+        """Return which actions leave a way home, shape (E, 6); all, where none does."""
+        state, city = self._simulator.state, self._simulator.city
+        position = state.position[:, 0]
+        there = position[:, None] + OFFSETS[None]
+        there = np.where(self._simulator.action_mask()[..., None], there, position[:, None])  # what is blocked stays
+        left = state.budget[:, 0, None] - 1 - city.home[there[..., 0], there[..., 1]]
+        safe = left >= 1
+        safe[:, LAND] |= city.landing[position[:, 0], position[:, 1]]
+        return safe | ~safe.any(axis=1, keepdims=True)
+
+    # Learning.
+
+    def _learn(self):
+        """Make one update."""
+        config = self.config
+        observation, actions, rewards, ends = self._replay.sample(config.batch, config.segment, self._random(2))
+        size = config.batch * config.segment
+        values = self.network(observation)
+        with torch.no_grad():
+            best = values.detach().argmax(dim=1, keepdim=True)
+            bootstraps = self._target(observation).gather(1, best).reshape(-1, config.batch).numpy()
+        targets = torch.from_numpy(self._returns(rewards, ends, bootstraps).reshape(-1))
+        chosen = values[:size].gather(1, torch.from_numpy(actions.reshape(-1, 1)))[:, 0]
+        if config.huber:
+            loss = nn.functional.huber_loss(chosen, targets, delta=config.huber)
+        else:
+            loss = nn.functional.mse_loss(chosen, targets)
+        self._optimizer.zero_grad()
+        loss.backward()
+        if config.clip:
+            nn.utils.clip_grad_norm_(self.network.parameters(), config.clip)
+        for group in self._optimizer.param_groups:
+            group["lr"] = config.rate * self._schedule()
+        self._optimizer.step()
+        with torch.no_grad():
+            own, slow = list(self.network.parameters()), list(self._target.parameters())
+            torch._foreach_lerp_(slow, own, config.soft_update)
+        self.updates += 1
+        return {"loss": loss.item(), "value": values.detach().mean().item()}
+
+    def _returns(self, rewards, ends, bootstraps):
+        """Return the targets of all steps, shape (T, B): λ-returns over the bootstraps, eq. 18 where λ = 0."""
+        config, targets = self.config, np.empty_like(rewards)
+        onward = bootstraps[-1]
+        for t in range(len(rewards) - 1, -1, -1):
+            onward = (1 - config.trace) * bootstraps[t + 1] + config.trace * onward
+            onward = targets[t] = rewards[t] + config.discount * np.where(ends[t], 0.0, onward)
+        return targets
+
+    def _schedule(self):
+        """Return the share of the learning rate that this update has."""
+        config = self.config
+        warm = min(1.0, (self.updates + 1) / config.warmup) if config.warmup else 1.0
+        late = max(0.0, (self.updates / config.updates - config.flat) / max(1 - config.flat, 1e-9))
+        return warm * (config.last_rate + (1 - config.last_rate) * (1 + math.cos(math.pi * min(late, 1.0))) / 2)
+
+    # Interrupting.
+
+    def weights(self):
+        """Return the network's arrays, by name, and the budget's scale."""
+        arrays = {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
+        return {**arrays, "budget_scale": np.array([self.config.budget_scale])}
+
+    def snapshot(self):
+        """Return all that changes, as arrays by name."""
+        arrays = {f"network.{name}": tensor.numpy() for name, tensor in self.network.state_dict().items()}
+        arrays |= {f"target.{name}": tensor.numpy() for name, tensor in self._target.state_dict().items()}
+        for k, moments in self._optimizer.state_dict()["state"].items():
+            arrays |= {f"adam.{k}.{name}": tensor.numpy() for name, tensor in moments.items()}
+        arrays |= {f"replay.{name}": array for name, array in self._replay.arrays.items()}
+        arrays |= {f"simulator.{name}": array for name, array in self._simulator.snapshot().items()}
+        counters = [self.updates, self._rounds, self._started, self._replay.written]
+        return {**arrays, "counters": np.array(counters)}
+
+    def resume(self, arrays):
+        """Go on from a `snapshot` of a learner of the same scenario, configuration and seed."""
+        groups = {}
+        for name, array in arrays.items():
+            group, _, rest = name.partition(".")
+            groups.setdefault(group, {})[rest] = array
+        for network, group in ((self.network, "network"), (self._target, "target")):
+            network.load_state_dict({name: torch.from_numpy(array) for name, array in groups[group].items()})
+        moments = {}
+        for name, array in groups.get("adam", {}).items():
+            k, _, moment = name.partition(".")
+            moments.setdefault(int(k), {})[moment] = torch.from_numpy(array)
+        self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": moments})
+        for name, array in groups["replay"].items():
+            self._replay.arrays[name][:] = array
+        self._simulator.resume(groups["simulator"])
+        self.updates, self._rounds, self._started, self._replay.written = arrays["counters"].tolist()
+
+
+class Agent:
+    """Takes the action with the highest Q-value.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    weights : Path, optional
+        Those that ``uavbench train`` wrote; by default the ones that come with the suite.
+    """
+
+    def __init__(self, scenario, weights=None):
+        arrays, record = load_weights(weights or weights_path("ddqn", scenario))
+        arrays = {name: torch.from_numpy(array) for name, array in arrays.items()}
+        scale = arrays.pop("budget_scale", torch.ones(1)).item()
+        self._network = Network(Observer(scenario), budget_scale=scale)
+        try:
+            self._network.load_state_dict(arrays)
+        except RuntimeError as error:
+            reason = f"of a network for {record.get('scenario')}, which does not fit {scenario.id}"
+            raise ValueError(f"{weights}: {reason}: {error}") from None
+        self._network.to(memory_format=torch.channels_last)
+
+    def act_batch(self, observations, infos):
+        """Return the best actions by the network."""
+        with torch.no_grad():
+            return self._network(tensors(observations)).argmax(dim=1).numpy()

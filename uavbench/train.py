@@ -1,0 +1,248 @@
+"""Training a learned agent from beginning to end, that may be interrupted in between.
+
+An agent's file that can be trained has, besides its ``Agent``, a dictionary ``CONFIGS`` of dataclasses and a class ``Learner``:
+docs/agents.md. Everything that the training needs to go on is in one checkpoint; the weights that are kept are those with the
+highest CRAL on validation episodes.
+"""
+
+import math
+import platform
+import time
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavbench.agent import AgentSource
+from uavbench.evaluate import Job, evaluate
+from uavbench.interrupt import interrupt_waits
+from uavbench.metrics import METRICS
+from uavbench.scenario import Scenario
+from uavbench.weights import WeightsError, load_weights, save_weights
+
+_CHECKPOINT_SECONDS = 180.0
+_PLOT_UPDATES = 100
+_VALIDATION_EPISODES = 200
+
+
+class TrainError(ValueError):
+    """A training that cannot begin or go on; the message says what to change."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """What is trained, and how.
+
+    Attributes
+    ----------
+    source : AgentSource
+        The agent's file.
+    scenario : Scenario
+    name : str
+        The configuration's name, or the stem of its file.
+    config : dataclass
+        How to train.
+    seed : int
+    """
+
+    source: AgentSource
+    scenario: Scenario
+    name: str
+    config: Any
+    seed: int
+
+    @property
+    def label(self) -> str:
+        """What the weights' file is called."""
+        return f"{self.source.name}-{self.name}-{self.seed}"
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes two trainings the same."""
+        return {
+            "agent": self.source.name,
+            "agent_sha256": self.source.sha256,
+            "scenario": self.scenario.id,
+            "scenario_digest": self.scenario.digest,
+            "config_name": self.name,
+            "config": asdict(self.config),
+            "seed": self.seed,
+        }
+
+    def record(self, curve: list["Point"], seconds: float | None = None) -> dict[str, Any]:
+        """Return what is written beside arrays: how they came about."""
+        versions = {name: metadata.version(name) for name in ("uavbench", "numpy", "numba", "torch")}
+        spent = seconds if seconds is not None else curve[-1].seconds if curve else 0.0
+        curve_values = [asdict(point) for point in curve]
+        return {
+            **self.identity,
+            "curve": curve_values,
+            "seconds": spent,
+            "versions": {"python": platform.python_version(), **versions},
+        }
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of the training's curve: scores on validation episodes, in [0, 1].
+
+    Attributes
+    ----------
+    updates, samples : int
+        Done so far.
+    seconds : float
+        Spent so far, validation included.
+    landed, cr, cral : float
+        Means over the first 200 validation episodes.
+    """
+
+    updates: int
+    samples: int
+    seconds: float
+    landed: float
+    cr: float
+    cral: float
+
+
+def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
+    """Return the name and the values of a configuration: one of the agent's own, or a TOML file.
+
+    A file may begin from one of the agent's own: ``base = "fast"``.
+
+    Raises
+    ------
+    TrainError
+        When there is none, or a field is unknown or of a wrong type.
+    """
+    configs = getattr(source.module(), "CONFIGS", None)
+    if configs is None or not hasattr(source.module(), "Learner"):
+        raise TrainError(f"{source.name} cannot be trained: {source.path} has no CONFIGS and Learner")
+    if config in configs:
+        return config, configs[config]
+    path = Path(config)
+    if path.suffix != ".toml":
+        raise TrainError(f"--config {config}: neither a .toml file nor one of {', '.join(configs)}")
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise TrainError(f"--config: cannot read {path}: {error}") from None
+    base = values.pop("base", "fast")
+    if base not in configs:
+        raise TrainError(f"{path}: base: {base!r} is not one of {', '.join(configs)}")
+    known = {field.name: type(getattr(configs[base], field.name)) for field in fields(configs[base])}
+    for name, value in values.items():
+        if name not in known:
+            raise TrainError(f"{path}: {name}: unknown; known are {', '.join(known)}")
+        if not (isinstance(value, known[name]) or (known[name] is float and type(value) is int)):
+            raise TrainError(f"{path}: {name}: {value!r} is not of type {known[name].__name__}")
+    return path.stem, replace(configs[base], **{name: known[name](value) for name, value in values.items()})
+
+
+def train(
+    training: Training,
+    out: Path,
+    *,
+    resume: bool = False,
+    seconds: float = math.inf,
+    on_start: Callable[[int, int], None] = lambda done, updates: None,
+    on_update: Callable[[int], None] = lambda updates: None,
+    on_point: Callable[[Point], None] = lambda point: None,
+) -> Path:
+    """Train, and return the file of the weights that validate best: ``out``/<scenario>/<agent>-<config>-<seed>.safetensors.
+
+    Parameters
+    ----------
+    training : Training
+    out : Path
+        The folder of all trainings.
+    resume : bool
+        Go on from a checkpoint; there need not be one.
+    seconds : float
+        Stop after this time, to be resumed later.
+    on_start, on_update, on_point : callable
+        Called at the beginning with the updates done and wanted, after every update, and at every validation.
+
+    Raises
+    ------
+    TrainError, WeightsError
+        When a checkpoint is there and ``resume`` is not given, or it is damaged or of another training.
+    KeyboardInterrupt
+        When the user interrupts; a checkpoint has been written.
+    """
+    folder = out / training.scenario.id
+    kept, checkpoint = folder / f"{training.label}.safetensors", folder / f"{training.label}.checkpoint"
+    learner = training.source.module().Learner(training.scenario, training.config, training.seed)
+    points, spent = _begin(training, learner, checkpoint, resume)
+    started, saved = time.perf_counter(), time.perf_counter()
+    updates, every = training.config.updates, training.config.validation
+    board = _board(folder / f"{training.label}.tensorboard", learner.updates)
+    on_start(learner.updates, updates)
+    for point in points:
+        on_point(point)
+    with interrupt_waits() as interrupted:
+        while learner.updates < updates and not interrupted and time.perf_counter() - started < seconds:
+            scalars = learner.advance()
+            on_update(learner.updates)
+            if learner.updates % _PLOT_UPDATES == 0:
+                _plot(board, "training", scalars, learner.updates)
+            if learner.updates % every == 0 or learner.updates == updates:
+                point = _validate(training, learner, folder, spent + time.perf_counter() - started)
+                if point.cral >= max((each.cral for each in points), default=0.0):
+                    save_weights(kept, learner.weights(), training.record([*points, point]))
+                points.append(point)
+                _plot(board, "validation", asdict(point), learner.updates)
+                on_point(point)
+            if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
+                save_weights(checkpoint, learner.snapshot(), training.record(points, spent + saved - started))
+                saved = time.perf_counter()
+        save_weights(checkpoint, learner.snapshot(), training.record(points, spent + time.perf_counter() - started))
+    board.close()
+    if interrupted:
+        raise KeyboardInterrupt
+    return kept
+
+
+def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> tuple[list[Point], float]:
+    """Set the learner as the checkpoint says; return the curve and the time so far."""
+    if not checkpoint.exists():
+        return [], 0.0
+    if not resume:
+        raise TrainError(f"{checkpoint} is there already: go on with --resume, or delete it to start over")
+    arrays, record = load_weights(checkpoint)
+    for name, value in training.identity.items():
+        if record.get(name) != value:
+            raise TrainError(f"{checkpoint}: it is of another training: its {name} is {record.get(name)}, not {value}")
+    try:
+        learner.resume(arrays)
+    except (KeyError, ValueError, RuntimeError) as error:
+        raise WeightsError(f"{checkpoint}: damaged: {error!r}; delete it to start over") from None
+    return [Point(**point) for point in record["curve"]], record["seconds"]
+
+
+def _validate(training: Training, learner: Any, folder: Path, seconds: float) -> Point:
+    """Score the network as it is, by the way that weights on disk are scored."""
+    latest = folder / f".{training.label}.latest.safetensors"
+    save_weights(latest, learner.weights(), training.record([]))
+    job = Job(replace(training.source, weights=latest), training.scenario, "validation")
+    count = min(_VALIDATION_EPISODES, training.scenario.splits.validation.episodes)
+    records = list(evaluate(job, range(count)))
+    latest.unlink()
+    scores = {name: float(np.mean([getattr(record, name) for record in records])) for name in METRICS}
+    return Point(learner.updates, learner.samples, round(seconds, 1), **scores)
+
+
+def _board(folder: Path, done: int) -> Any:
+    """Return TensorBoard's writer, on which a resumed training goes on from ``done`` updates."""
+    from torch.utils.tensorboard.writer import SummaryWriter
+
+    return SummaryWriter(str(folder), purge_step=done + 1)
+
+
+def _plot(board: Any, group: str, scalars: Mapping[str, float], updates: int) -> None:
+    """Write numbers for TensorBoard."""
+    for name, value in scalars.items():
+        board.add_scalar(f"{group}/{name}", value, updates)

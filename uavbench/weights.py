@@ -1,0 +1,75 @@
+"""Weights of learned agents: safetensors files (arrays and a record of the training as JSON, no pickles)."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.files import write_whole
+from uavbench.resources import shipped_weights
+from uavbench.scenario import Scenario
+
+_RECORD = "uavbench"  # the key of the record among a file's metadata
+
+
+class WeightsError(ValueError):
+    """Weights that cannot be used; the message names the file and the reason."""
+
+
+def save_weights(path: Path, arrays: Mapping[str, NDArray[Any]], record: Mapping[str, Any]) -> None:
+    """Write arrays and what is said of them, whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    arrays : mapping of str to ndarray
+    record : mapping
+        Whatever JSON can hold: how the arrays came about.
+    """
+    from safetensors.numpy import save
+
+    packed = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    write_whole(path, save(packed, metadata={_RECORD: json.dumps(record)}))
+
+
+def load_weights(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Return arrays by name, and what is said of them.
+
+    Raises
+    ------
+    WeightsError
+        When the file is missing, damaged, or not one that `save_weights` wrote.
+    """
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        with safe_open(path, framework="numpy") as file:
+            record = json.loads((file.metadata() or {})[_RECORD])
+            return {name: file.get_tensor(name) for name in file.keys()}, record  # noqa: SIM118
+    except FileNotFoundError:
+        raise WeightsError(f"{path}: there is no such file") from None
+    except KeyError:
+        raise WeightsError(f"{path}: not weights that uavbench train wrote: it has no record of a training") from None
+    except (OSError, ValueError, SafetensorError) as error:
+        raise WeightsError(f"{path}: damaged: {error}") from None
+
+
+def weights_path(agent: str, scenario: Scenario) -> Path:
+    """Return the weights of a built-in agent that come with the suite.
+
+    Raises
+    ------
+    WeightsError
+        When there are none for the scenario.
+    """
+    paths = shipped_weights(agent)
+    if scenario.id not in paths:
+        raise WeightsError(
+            f"{agent} has no weights for {scenario.id}, only for {', '.join(paths) or 'no scenario'}: "
+            f"uavbench train {agent} --scenario {scenario.id} makes some; then --agent FILE.safetensors"
+        )
+    return paths[scenario.id]
