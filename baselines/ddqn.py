@@ -145,6 +145,7 @@ class Network(nn.Module):
                 nn.Flatten(),
             )
             self.inputs += kernels * (height - 2 * (size - 1)) * (width - 2 * (size - 1))
+        self.branches.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         widths = [self.inputs, hidden, hidden, hidden]
         dense = [layer for pair in itertools.pairwise(widths) for layer in (nn.Linear(*pair), nn.ReLU(inplace=True))]
         self.dense = nn.Sequential(*dense, nn.Linear(hidden, NUM_ACTIONS))
@@ -246,8 +247,8 @@ class Learner:
         self.scenario, self.config, self.seed = scenario, config, seed
         torch.manual_seed(seed)
         self._observer = Observer(scenario)
-        self.network = Network(self._observer, budget_scale=config.budget_scale).to(memory_format=torch.channels_last)
-        self._target = Network(self._observer, budget_scale=config.budget_scale).to(memory_format=torch.channels_last)
+        self.network = Network(self._observer, budget_scale=config.budget_scale)
+        self._target = Network(self._observer, budget_scale=config.budget_scale)
         self._target.load_state_dict(self.network.state_dict())
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.rate, amsgrad=config.amsgrad, fused=True)
         self._replay = Replay(scenario, config.environments, config.replay)
@@ -341,8 +342,8 @@ class Learner:
             group["lr"] = config.rate * self._schedule()
         self._optimizer.step()
         with torch.no_grad():
-            own, slow = list(self.network.parameters()), list(self._target.parameters())
-            torch._foreach_lerp_(slow, own, config.soft_update)
+            for slow, own in zip(self._target.parameters(), self.network.parameters(), strict=True):
+                slow.lerp_(own, config.soft_update)
         self.updates += 1
         return {"loss": loss.item(), "value": values.detach().mean().item()}
 
@@ -388,10 +389,11 @@ class Learner:
             groups.setdefault(group, {})[rest] = array
         for network, group in ((self.network, "network"), (self._target, "target")):
             network.load_state_dict({name: torch.from_numpy(array) for name, array in groups[group].items()})
-        moments = {}
+        moments, parameters = {}, list(self.network.parameters())
         for name, array in groups.get("adam", {}).items():
             k, _, moment = name.partition(".")
-            moments.setdefault(int(k), {})[moment] = torch.from_numpy(array)
+            like = torch.zeros_like(parameters[int(k)]) if array.shape else torch.zeros(())  # laid out as it was
+            moments.setdefault(int(k), {})[moment] = like.copy_(torch.from_numpy(array))
         self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": moments})
         for name, array in groups["replay"].items():
             self._replay.arrays[name][:] = array
@@ -419,7 +421,6 @@ class Agent:
         except RuntimeError as error:
             reason = f"of a network for {record.get('scenario')}, which does not fit {scenario.id}"
             raise ValueError(f"{weights}: {reason}: {error}") from None
-        self._network.to(memory_format=torch.channels_last)
 
     def act_batch(self, observations, infos):
         """Return the best actions by the network."""

@@ -212,3 +212,55 @@ def test_a_batch_equals_its_episodes_flown_alone(name):
             assert alone.state.reward[0] == rewards[t][i]
         for field in alone.state._fields:
             assert np.array_equal(getattr(alone.state, field)[0], getattr(batch.state, field)[i]), field
+
+
+@pytest.mark.parametrize("name", ["Manhattan32-CPP-v0", "Block8-DH-v0", "Manhattan32-CPP-Team-v0"])
+def test_scatter_puts_uavs_anywhere_with_budgets_that_suffice(name):
+    simulator = Simulator(load_scenario(name), 400)
+    slots, state, home = np.arange(400), simulator.state, simulator.city.home
+    simulator.reset(slots, "train", slots)
+    before, targets = state.position.copy(), state.target.copy()
+    simulator.scatter(slots[100:])
+    assert np.array_equal(state.position[:100], before[:100])
+    assert np.array_equal(state.target, targets)
+    assert simulator.episode(0) == ("train", 0)
+    assert simulator.episode(100) == ("custom", -1)
+    largest = simulator.scenario.budget[1]
+    for i in range(100, 400):
+        cells = [tuple(cell) for cell in state.position[i, : state.uavs[i]].tolist()]
+        assert len(set(cells)) == len(cells)
+        for cell, budget, first in zip(cells, state.budget[i], state.initial_budget[i], strict=False):
+            assert 0 <= home[cell] < budget <= largest
+            assert budget == first
+    where = state.position[100:, 0]
+    assert len({tuple(cell) for cell in where.tolist()}) > min(150, (home >= 0).sum() // 2)
+    assert state.budget[100:, 0].min() < 0.1 * largest + home.max()
+    assert state.budget[100:, 0].max() > 0.9 * largest
+    again = Simulator(simulator.scenario, 1)
+    again.reset([0], "train", [250])
+    again.scatter(np.array([0]))
+    assert np.array_equal(again.state.position[0], state.position[250])
+    assert np.array_equal(again.state.budget[0], state.budget[250])
+
+
+@pytest.mark.parametrize("name", ["Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0"])
+def test_a_snapshot_is_gone_on_from_as_if_nothing_had_been(name):
+    scenario, slots, random = load_scenario(name), np.arange(30), np.random.default_rng(0)
+    simulator, other = Simulator(scenario, 30), Simulator(scenario, 30)
+    simulator.reset(slots, "train", slots)
+    other.reset(slots, "train", slots + 99)
+    actions = random.integers(0, 5, (40, 30, 3) if scenario.team else (40, 30))
+    for each in actions[:15]:
+        simulator.step(each)
+    taken = simulator.snapshot()
+    kept = {key: array.copy() for key, array in taken.items()}
+    simulator.step(actions[15])
+    assert all(np.array_equal(array, kept[key]) for key, array in taken.items())
+    other.resume(taken)
+    other.step(actions[15])
+    for each in actions[16:]:
+        simulator.step(each)
+        other.step(each)
+        for key, array in simulator.state._asdict().items():
+            assert np.array_equal(array, getattr(other.state, key)), key
+    assert [simulator.episode(i) for i in slots] == [other.episode(i) for i in slots]

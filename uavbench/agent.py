@@ -152,7 +152,7 @@ def find_agent(spec: str) -> AgentSource:
     path = Path(name).expanduser()
     if not name.endswith(".py"):
         raise AgentLoadError(
-            f"--agent {spec}: neither a .py file, nor weights (.safetensors), nor a built-in; built in are {', '.join(built_in)}"
+            f"--agent {spec}: neither a .py file, nor .safetensors, nor a built-in; built in are {', '.join(built_in)}"
         )
     if not path.is_file():
         raise AgentLoadError(f"--agent {spec}: there is no file {path}")

@@ -177,6 +177,56 @@ def evaluate(
         raise _fail(f"interrupted; finished episodes are kept in {out}; --resume goes on", 1) from None
 
 
+@app.command(
+    epilog="\b\nExamples:\n  uavbench train ddqn --scenario Manhattan32-CPP-v0\n"
+    "  uavbench train ddqn --scenario Urban50-DH-v0 --config my_config.toml --seed 1 --resume\n"
+    "  uavbench evaluate --agent runs/Manhattan32-CPP-v0/ddqn-fast-0.safetensors"
+)
+def train(
+    agent: Annotated[str, typer.Argument(help="A built-in that learns, or path.py with a Learner.")],
+    scenario: Annotated[str, typer.Option(help="An id, or the path of a .toml file.")] = "Manhattan32-CPP-v0",
+    config: Annotated[
+        str, typer.Option(help="One of the agent's own (ddqn: paper, fast), or a .toml file of what differs.")
+    ] = "fast",
+    seed: Annotated[int, typer.Option(min=0, help="Another seed, another training.")] = 0,
+    out: Annotated[Path, typer.Option(help="Where weights, checkpoints and curves go.")] = Path("runs"),
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+    threads: Annotated[int, typer.Option(min=1, help="Of the network's arithmetic.")] = 1,
+) -> None:
+    """Train a learned agent.
+
+    Writes the weights that score best on validation episodes, a checkpoint every few minutes, and curves for TensorBoard.
+    """
+    from rich.console import Console
+
+    from uavbench import ScenarioError, load_scenario
+    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench.display import training_progress
+    from uavbench.train import TrainError, Training, read_config
+    from uavbench.train import train as train_agent
+    from uavbench.weights import WeightsError
+
+    console = Console()
+    try:
+        source = find_agent(agent)
+        training = Training(source, load_scenario(scenario), *read_config(source, config), seed)
+        with training_progress(console, f"{training.label} on {training.scenario.id}") as progress:
+            kept = train_agent(
+                training,
+                out,
+                resume=resume,
+                threads=threads,
+                on_start=progress.show,
+                on_update=progress.advance,
+                on_point=progress.add_point,
+            )
+        console.print(f"next:  uavbench evaluate --agent {kept} --scenario {scenario}", highlight=False, soft_wrap=True)
+    except (AgentLoadError, ScenarioError, TrainError, WeightsError) as error:
+        raise _fail(error) from None
+    except KeyboardInterrupt:
+        raise _fail(f"interrupted; the checkpoint is in {out}, and --resume goes on", 1) from None
+
+
 @app.command(epilog="\\b\\nExample:\\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
 def replay(
     folder: _ResultFolder,

@@ -14,6 +14,7 @@ from uavbench.metrics import Comparison, Interval, mean_interval
 from uavbench.reference import Gaps, Reference
 from uavbench.results import Result
 from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
+from uavbench.train import Point
 
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 _STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
@@ -151,6 +152,13 @@ class EpisodesProgress:
 @contextmanager
 def episodes_progress(console: Console, label: str, name: str) -> Generator[EpisodesProgress]:
     """Show the progress of a run over episodes, from its `show` to the end of the block."""
+    with _bar(console) as progress:
+        yield EpisodesProgress(progress, label, name)
+
+
+@contextmanager
+def _bar(console: Console) -> Generator[Progress]:
+    """Return a bar that is not shown before it is started."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -161,7 +169,39 @@ def episodes_progress(console: Console, label: str, name: str) -> Generator[Epis
     )
     progress = Progress(*columns, console=console)
     try:
-        yield EpisodesProgress(progress, label, name)
+        yield progress
     finally:
         if progress.live.is_started:
             progress.stop()
+
+
+class TrainingProgress:
+    """The bar that runs while an agent learns, and a line for every validation."""
+
+    def __init__(self, progress: Progress, label: str) -> None:
+        self._progress = progress
+        self._task = progress.add_task(label, total=None, mean="starting (the first run compiles)")
+
+    def show(self, done: int, updates: int) -> None:
+        """Show the bar: ``done`` of so many updates are done."""
+        self._progress.update(self._task, total=updates, completed=done, mean="")
+        self._progress.start()
+
+    def advance(self, updates: int) -> None:
+        """Show that ``updates`` are done."""
+        self._progress.update(self._task, completed=updates)
+
+    def add_point(self, point: Point) -> None:
+        """Print the scores of a validation, in per cent."""
+        scores = ", ".join(f"{NAMES[name]} {100 * getattr(point, name):.1f}" for name in NAMES)
+        self._progress.console.print(
+            f"{point.updates:>9,} updates {point.samples / 1e6:6.2f} M samples {point.seconds / 60:6.1f} min   {scores}",
+            highlight=False,
+        )
+
+
+@contextmanager
+def training_progress(console: Console, label: str) -> Generator[TrainingProgress]:
+    """Show the progress of a training, from its `show` to the end of the block."""
+    with _bar(console) as progress:
+        yield TrainingProgress(progress, label)

@@ -312,17 +312,19 @@ def _start(
 def _scatter(state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int) -> None:
     """Draw cells among ``free``, and budgets that allow to land, for the UAVs of the slots ``index``."""
     cursor = np.empty(1, dtype=np.uint64)
-    for i in index:
+    for n in range(len(index)):
+        i = int(index[n])
         cursor[0] = stream(state.key[i], SCATTER)
         for u in range(state.uavs[i]):
-            taken = True
+            r, c, taken = 0, 0, True
             while taken:
-                cell = free[next_integer(cursor, len(free))]
-                taken = home[cell[0], cell[1]] >= largest
+                r, c = free[next_integer(cursor, len(free))]
+                taken = home[r, c] >= largest
                 for w in range(u):
-                    taken = taken or (state.position[i, w, 0] == cell[0] and state.position[i, w, 1] == cell[1])
-            state.position[i, u] = state.previous[i, u] = cell
-            least = home[cell[0], cell[1]] + 1
+                    taken = taken or (state.position[i, w, 0] == r and state.position[i, w, 1] == c)
+            state.position[i, u, 0], state.position[i, u, 1] = r, c
+            state.previous[i, u] = state.position[i, u]
+            least = int(home[r, c]) + 1
             state.budget[i, u] = state.initial_budget[i, u] = least + next_integer(cursor, largest - least + 1)
 
 

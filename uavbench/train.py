@@ -5,6 +5,7 @@ docs/agents.md. Everything that the training needs to go on is in one checkpoint
 highest CRAL on validation episodes.
 """
 
+import importlib
 import math
 import platform
 import time
@@ -133,7 +134,7 @@ def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
     base = values.pop("base", "fast")
     if base not in configs:
         raise TrainError(f"{path}: base: {base!r} is not one of {', '.join(configs)}")
-    known = {field.name: type(getattr(configs[base], field.name)) for field in fields(configs[base])}
+    known: dict[str, Any] = {field.name: type(getattr(configs[base], field.name)) for field in fields(configs[base])}
     for name, value in values.items():
         if name not in known:
             raise TrainError(f"{path}: {name}: unknown; known are {', '.join(known)}")
@@ -148,6 +149,7 @@ def train(
     *,
     resume: bool = False,
     seconds: float = math.inf,
+    threads: int = 1,
     on_start: Callable[[int, int], None] = lambda done, updates: None,
     on_update: Callable[[int], None] = lambda updates: None,
     on_point: Callable[[Point], None] = lambda point: None,
@@ -163,6 +165,8 @@ def train(
         Go on from a checkpoint; there need not be one.
     seconds : float
         Stop after this time, to be resumed later.
+    threads : int
+        Of PyTorch. Another number may change the last digits of the weights.
     on_start, on_update, on_point : callable
         Called at the beginning with the updates done and wanted, after every update, and at every validation.
 
@@ -175,6 +179,7 @@ def train(
     """
     folder = out / training.scenario.id
     kept, checkpoint = folder / f"{training.label}.safetensors", folder / f"{training.label}.checkpoint"
+    _torch().set_num_threads(threads)
     learner = training.source.module().Learner(training.scenario, training.config, training.seed)
     points, spent = _begin(training, learner, checkpoint, resume)
     started, saved = time.perf_counter(), time.perf_counter()
@@ -204,6 +209,14 @@ def train(
     if interrupted:
         raise KeyboardInterrupt
     return kept
+
+
+def _torch() -> Any:
+    """Return PyTorch, or say how to install it."""
+    try:
+        return importlib.import_module("torch")
+    except ImportError as error:
+        raise TrainError("training needs PyTorch: pip install 'uavbench[ddqn]'") from error
 
 
 def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> tuple[list[Point], float]:

@@ -32,7 +32,7 @@ def save_weights(path: Path, arrays: Mapping[str, NDArray[Any]], record: Mapping
     """
     from safetensors.numpy import save
 
-    packed = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    packed = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     write_whole(path, save(packed, metadata={_RECORD: json.dumps(record)}))
 
 
@@ -47,8 +47,10 @@ def load_weights(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     from safetensors import SafetensorError, safe_open
 
     try:
-        with safe_open(path, framework="numpy") as file:
-            record = json.loads((file.metadata() or {})[_RECORD])
+        opened: Any = safe_open(path, framework="numpy")
+        with opened as file:
+            about: dict[str, str] = file.metadata() or {}
+            record = json.loads(about[_RECORD])
             return {name: file.get_tensor(name) for name in file.keys()}, record  # noqa: SIM118
     except FileNotFoundError:
         raise WeightsError(f"{path}: there is no such file") from None
