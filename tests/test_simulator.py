@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from oracle import Oracle
 from worlds import COVERAGE, HARVESTING, draw_devices, draw_start, draw_targets, maps, scenario
 
+from uavbench import load_scenario
 from uavbench.envs.env import UAVEnv
 from uavbench.simulator import Simulator
 
