@@ -415,9 +415,9 @@ class Agent:
         arrays, record = load_weights(weights or weights_path("ddqn", scenario))
         arrays = {name: torch.from_numpy(array) for name, array in arrays.items()}
         scale = arrays.pop("budget_scale", torch.ones(1)).item()
-        self._network = Network(Observer(scenario), budget_scale=scale)
+        self.network = Network(Observer(scenario), budget_scale=scale)
         try:
-            self._network.load_state_dict(arrays)
+            self.network.load_state_dict(arrays)
         except RuntimeError as error:
             reason = f"of a network for {record.get('scenario')}, which does not fit {scenario.id}"
             raise ValueError(f"{weights}: {reason}: {error}") from None
@@ -425,4 +425,4 @@ class Agent:
     def act_batch(self, observations, infos):
         """Return the best actions by the network."""
         with torch.no_grad():
-            return self._network(tensors(observations)).argmax(dim=1).numpy()
+            return self.network(tensors(observations)).argmax(dim=1).numpy()

@@ -134,7 +134,7 @@ def _module(path: Path, sha256: str) -> ModuleType:
 
 
 def find_agent(spec: str) -> AgentSource:
-    """Find an agent: a built-in's name, ``path.py``, ``path.py:Class``, or ``path.safetensors``, weights of a built-in.
+    """Find an agent: a built-in's name, ``path.py``, ``path.py:Class``, ``path.onnx``, or a built-in's ``path.safetensors``.
 
     Raises
     ------
@@ -146,13 +146,18 @@ def find_agent(spec: str) -> AgentSource:
         return AgentSource(built_in[spec])
     if spec.endswith(".safetensors"):
         return _trained(Path(spec).expanduser(), built_in)
+    if spec.endswith(".onnx"):
+        model = Path(spec).expanduser()
+        if not model.is_file():
+            raise AgentLoadError(f"--agent {spec}: there is no file {model}")
+        return AgentSource(Path(__file__).with_name("onnx_agent.py"), weights=model)
     name, _, class_name = spec.partition(".py:")
     if class_name:
         name += ".py"
     path = Path(name).expanduser()
     if not name.endswith(".py"):
         raise AgentLoadError(
-            f"--agent {spec}: neither a .py file, nor .safetensors, nor a built-in; built in are {', '.join(built_in)}"
+            f"--agent {spec}: neither a .py, .onnx or .safetensors file nor a built-in; built in are {', '.join(built_in)}"
         )
     if not path.is_file():
         raise AgentLoadError(f"--agent {spec}: there is no file {path}")

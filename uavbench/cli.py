@@ -227,6 +227,31 @@ def train(
         raise _fail(f"interrupted; the checkpoint is in {out}, and --resume goes on", 1) from None
 
 
+@app.command(
+    epilog="\b\nExamples:\n  uavbench export ddqn model.onnx --scenario Manhattan32-CPP-v0\n"
+    "  uavbench evaluate --agent model.onnx"
+)
+def export(
+    agent: Annotated[str, typer.Argument(help="A built-in that has learned, or a .safetensors file.")],
+    path: Annotated[Path, typer.Argument(help="The model to write, model.onnx.")],
+    scenario: Annotated[str, typer.Option(help="Whose observations it is to take.")] = "Manhattan32-CPP-v0",
+) -> None:
+    """Write a learned agent as an ONNX model.
+
+    It can be scored without the agent's code: --agent model.onnx.
+    """
+    from uavbench import ScenarioError, load_scenario
+    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench.export import ExportError
+    from uavbench.export import export as export_agent
+
+    try:
+        export_agent(find_agent(agent), load_scenario(scenario), path)
+    except (AgentLoadError, ScenarioError, ExportError, ValueError) as error:
+        raise _fail(error) from None
+    typer.echo(f"wrote {path}; next:  uavbench evaluate --agent {path} --scenario {scenario}")
+
+
 @app.command(epilog="\\b\\nExample:\\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
 def replay(
     folder: _ResultFolder,

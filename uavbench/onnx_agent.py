@@ -1,0 +1,74 @@
+"""An agent that asks an ONNX model: ``--agent model.onnx``, whatever it was trained with.
+
+The model's inputs are named as the observation's parts (``local``, ``global``, ``budget``; not all need be there), batch
+first, float32; its output are six values an observation, and the action with the highest one is taken.
+"""
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.city import NUM_ACTIONS
+from uavbench.observation import Observation, Observer
+from uavbench.scenario import Scenario
+
+
+class Agent:
+    """Takes the action that an ONNX model values highest.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    weights : Path
+        The model.
+
+    Raises
+    ------
+    ImportError
+        When ONNX Runtime is missing.
+    ValueError
+        When the file is no model, or its inputs or output are not those above.
+    """
+
+    track = "observation"
+
+    def __init__(self, scenario: Scenario, weights: Path) -> None:
+        try:
+            runtime: Any = importlib.import_module("onnxruntime")
+        except ImportError as error:
+            raise ImportError(f"{weights}: needs ONNX Runtime: pip install 'uavbench[onnx]'") from error
+        try:
+            self._session: Any = runtime.InferenceSession(weights, providers=["CPUExecutionProvider"])
+        except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
+            raise ValueError(f"{weights}: not a model that ONNX Runtime takes: {error}") from None
+        shown = Observer(scenario).empty(1)
+        self._inputs: list[str] = []
+        single = False
+        for each in self._session.get_inputs():
+            if each.name not in shown:
+                raise ValueError(f"{weights}: input {each.name!r} is none of {', '.join(shown)}")
+            wanted = list(shown[each.name].shape[1:])
+            if each.type != "tensor(float)" or each.shape[1:] != wanted:
+                raise ValueError(f"{weights}: input {each.name} is {each.type} {each.shape}, expected float (batch, {wanted})")
+            single = single or each.shape[0] == 1
+            self._inputs.append(each.name)
+        self._size = 1 if single else None
+        values = self._values({name: np.zeros((1, *shown[name].shape[1:]), np.float32) for name in shown})
+        if values.shape != (1, NUM_ACTIONS):
+            raise ValueError(f"{weights}: its output has shape {values.shape} for one observation, expected (1, {NUM_ACTIONS})")
+
+    def act_batch(self, observations: Observation, infos: list[dict[str, Any]]) -> NDArray[np.int64]:
+        """Return the actions with the highest values."""
+        size = self._size or len(infos)
+        parts = [
+            self._values({name: array[k : k + size] for name, array in observations.items()})
+            for k in range(0, len(infos), size)
+        ]
+        return np.concatenate(parts).argmax(axis=1)
+
+    def _values(self, observation: Observation) -> NDArray[np.float32]:
+        """Return the model's values."""
+        return self._session.run(None, {name: observation[name] for name in self._inputs})[0]
