@@ -66,7 +66,6 @@ class Training:
         """What makes two trainings the same."""
         return {
             "agent": self.source.name,
-            "agent_sha256": self.source.sha256,
             "scenario": self.scenario.id,
             "scenario_digest": self.scenario.digest,
             "config_name": self.name,
@@ -81,6 +80,7 @@ class Training:
         curve_values = [asdict(point) for point in curve]
         return {
             **self.identity,
+            "agent_sha256": self.source.sha256,  # which may change while a training rests
             "curve": curve_values,
             "seconds": spent,
             "versions": {"python": platform.python_version(), **versions},
@@ -138,7 +138,7 @@ def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
     for name, value in values.items():
         if name not in known:
             raise TrainError(f"{path}: {name}: unknown; known are {', '.join(known)}")
-        if not (isinstance(value, known[name]) or (known[name] is float and type(value) is int)):
+        if not (type(value) is known[name] or (known[name] is float and type(value) is int)):
             raise TrainError(f"{path}: {name}: {value!r} is not of type {known[name].__name__}")
     return path.stem, replace(configs[base], **{name: known[name](value) for name, value in values.items()})
 
@@ -202,8 +202,8 @@ def train(
                 _plot(board, "validation", asdict(point), learner.updates)
                 on_point(point)
             if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
-                save_weights(checkpoint, learner.snapshot(), training.record(points, spent + saved - started))
                 saved = time.perf_counter()
+                save_weights(checkpoint, learner.snapshot(), training.record(points, spent + saved - started))
         save_weights(checkpoint, learner.snapshot(), training.record(points, spent + time.perf_counter() - started))
     board.close()
     if interrupted:
