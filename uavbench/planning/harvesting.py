@@ -45,7 +45,7 @@ def expected_rates(scenario: Scenario, devices: NDArray[np.int32]) -> NDArray[np
     city = city_of(scenario)
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     channel = channel_of(scenario.mission, city.shape)
-    sight = np.array([city.visible(cell) for cell in devices.tolist()])
+    sight = np.array([city.visible(cell) for cell in devices.tolist()], dtype=np.bool_).reshape(-1, *city.shape)
     rates = np.zeros((city.no_fly.size, _ACTIONS, channel.steps, len(devices)), dtype=np.float32)
     _fill_rates(devices, sight, city.no_fly, channel, nodes, weights / weights.sum(), rates)
     return rates
