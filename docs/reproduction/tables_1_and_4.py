@@ -20,7 +20,9 @@ def sizes(name, local_size=None, global_scale=None):
 def main():
     """Print both tables."""
     print("Table I: parameters. The paper's counts are those of six input layers; four are what it describes.\n")
-    print("| map | l | g | flatten layer N | parameters, 4 layers | parameters, 6 layers |\n| --- | --- | --- | --- | --- | --- |")
+    print(
+        "| map | l | g | flatten layer N | parameters, 4 layers | parameters, 6 layers |\n| --- | --- | --- | --- | --- | --- |"
+    )
     for city in CITIES:
         observation = load_scenario(f"{city}-CPP-v0").observation
         inputs, parameters = sizes(f"{city}-CPP-v0")
