@@ -24,7 +24,8 @@ import numpy as np
 from uavbench.city import HOVER, LAND, OFFSETS, city_of
 from uavbench.kernel import kernel
 from uavbench.missions.coverage import camera_views
-from uavbench.missions.harvesting import channel_of
+from uavbench.missions.harvesting import channel_of, log_snr_of
+from uavbench.planning.paths import worthiest_way
 
 _PRIZE = 100  # of a target or data unit, in moves: way is saved only where it costs nothing
 _ACTION = 1e-3  # what an action costs in targets or data units: of equal tours the shorter one is better
@@ -203,11 +204,11 @@ class Agent:
             if distance < 0 or len(path) + distance + self._home[stop.cell] > budget or mission.done(stop, left):
                 continue
             made.append(stop)
-            follow(_way(at, self._distances(stop.cell), self._city.shape[1], worth))
+            follow(worthiest_way(at, self._distances(stop.cell), self._city.shape[1], worth))
             at = stop.cell
             while not mission.done(stop, left) and len(path) + 1 + self._home[at] <= budget:
                 follow(np.array([at]))
-        homeward = _way(at, self._home, self._city.shape[1], worth)
+        homeward = worthiest_way(at, self._home, self._city.shape[1], worth)
         follow(mission.linger(at, homeward, left, budget - len(path) - len(homeward)))
         return Flight(path, made, float(total - left.sum()) - _ACTION * len(path))
 
@@ -351,37 +352,6 @@ class _Harvesting:
 
 
 @kernel
-def _way(start, onward, cols, worth):
-    """Return the cells after ``start`` on that shortest way to where ``onward`` is 0 whose cells are worth most together."""
-    value = np.full(len(onward), -1.0)
-    before = np.full(len(onward), -1)
-    queue = np.empty(len(onward), dtype=np.int64)
-    queue[0], value[start] = start, 0.0
-    tail, best = 1, start
-    for head in range(len(onward)):
-        if head == tail:
-            break
-        cell = queue[head]
-        if onward[cell] == 0 and (onward[best] > 0 or value[cell] > value[best]):
-            best = cell
-        r, c = cell // cols, cell % cols
-        for action in range(4):
-            y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
-            near = y * cols + x
-            if not (0 <= x < cols and 0 <= near < len(onward)) or onward[near] < 0 or onward[near] != onward[cell] - 1:
-                continue
-            if before[near] < 0:
-                queue[tail] = near
-                tail += 1
-            if value[cell] + worth[near] > value[near]:
-                value[near], before[near] = value[cell] + worth[near], cell
-    way = np.empty(onward[start], dtype=np.int64)
-    for n in range(len(way) - 1, -1, -1):
-        way[n], best = best, before[best]
-    return way
-
-
-@kernel
 def _serve(at, path, left, cols, cells, sight, channel):
     """Take from ``left`` what the devices with the highest expected rates deliver on a path from ``at``."""
     for cell in path:
@@ -392,9 +362,7 @@ def _serve(at, path, left, cols, cells, sight, channel):
             best, highest = -1, -np.inf
             for k in range(len(left)):
                 if left[k] > 0.0:
-                    down, right = (cells[k] // cols - r) * channel.cell_size, (cells[k] % cols - c) * channel.cell_size
-                    square = down * down + right * right + channel.altitude * channel.altitude
-                    level = channel.log_gain - channel.half_exponent[int(sight[k, here])] * math.log(square)
+                    level = log_snr_of(channel, cells[k] // cols, cells[k] % cols, r, c, int(sight[k, here]))
                     if level > highest:
                         best, highest = k, level
             if best < 0:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from uavbench.city import EAST, HOVER, SOUTH
 from uavbench.kernel import kernel
-from uavbench.missions.harvesting import Channel
+from uavbench.missions.harvesting import Channel, log_snr_of
 
 _LEAST = 1e-14  # a chance, or the weight of a flight, that no longer counts
 _NEGLIGIBLE = -20.0  # and its logarithm, in one step
@@ -50,10 +50,8 @@ def fill_rates(
         r, c = positions[i]
         y, x = round(r), round(c)
         for d in range(len(devices)):
-            down, right = (devices[d, 0] - r) * channel.cell_size, (devices[d, 1] - c) * channel.cell_size
-            square = down * down + right * right + channel.altitude * channel.altitude
             clear = int(sight[d, y, x])
-            level = channel.log_gain - channel.half_exponent[clear] * math.log(square)
+            level = log_snr_of(channel, devices[d, 0], devices[d, 1], r, c, clear)
             for j in range(len(nodes)):
                 rates[i, d, j] = math.log2(1.0 + math.exp(level + channel.fading[clear] * nodes[j]))
 

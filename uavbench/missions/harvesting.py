@@ -199,6 +199,17 @@ def channel_of(parameters: Harvesting, shape: tuple[int, int]) -> Channel:
 
 
 @kernel
+def log_snr_of(channel: Channel, y: int, x: int, r: float, c: float, clear: int) -> float:
+    """Return ln SNR, without fading, of a UAV at (r, c) to a device in cell (y, x), in line of sight if ``clear`` is 1.
+
+    The logarithm, as it needs one logarithm where the ratio would need two powers.
+    """
+    down, right = (y - r) * channel.cell_size, (x - c) * channel.cell_size
+    square = down * down + right * right + channel.altitude * channel.altitude
+    return channel.log_gain - channel.half_exponent[clear] * math.log(square)
+
+
+@kernel
 def _sample(
     state: State,
     devices: Devices,
@@ -314,11 +325,8 @@ def _collect(
                 if data[i, j] <= 0.0:
                     continue
                 y, x = cell[i, j]
-                metres_r, metres_c = (y - r) * channel.cell_size, (x - c) * channel.cell_size
-                square = metres_r * metres_r + metres_c * metres_c + channel.altitude * channel.altitude
                 clear = int((sight[i, j, byte] >> bit) & 1)
-                # ln SNR orders devices as the rate does, and needs one logarithm instead of two powers and one.
-                level = channel.log_gain - channel.half_exponent[clear] * math.log(square)
+                level = log_snr_of(channel, y, x, r, c, clear)  # it orders devices as the rate does
                 if noise[i]:
                     level += channel.fading[clear] * normal(fading, (uav << 32) + (k << 16) + j)
                 best = j if level > log_snr else best

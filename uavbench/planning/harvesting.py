@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from uavbench.city import city_of
 from uavbench.kernel import kernel
 from uavbench.keyed import next_uniform
-from uavbench.missions.harvesting import Channel, channel_of
+from uavbench.missions.harvesting import Channel, channel_of, log_snr_of
 from uavbench.parameters import Harvesting
 from uavbench.planning.changes import propose
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
@@ -124,10 +124,8 @@ def _fill_rates(
                 r, c = r0 + share * (r1 - r0), c0 + share * (c1 - c0)
                 y, x = round(r), round(c)
                 for j in range(len(devices)):
-                    down, right = (devices[j, 0] - r) * channel.cell_size, (devices[j, 1] - c) * channel.cell_size
-                    square = down * down + right * right + channel.altitude * channel.altitude
                     clear = int(sight[j, y, x])
-                    level = channel.log_gain - channel.half_exponent[clear] * math.log(square)
+                    level = log_snr_of(channel, devices[j, 0], devices[j, 1], r, c, clear)
                     mean = 0.0
                     for n in range(len(nodes)):
                         mean += weights[n] * math.log2(1.0 + math.exp(level + channel.fading[clear] * nodes[n]))

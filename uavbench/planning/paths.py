@@ -67,6 +67,40 @@ def walk(
 
 
 @kernel
+def worthiest_way(start: int, onward: NDArray[np.int32], cols: int, worth: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the cells after ``start`` on that shortest way to where ``onward`` is 0 whose cells are worth most together.
+
+    ``onward`` (MN,) holds the moves from each cell, −1 where there is no way; ``worth`` (MN,) what passing a cell is worth.
+    """
+    value = np.full(len(onward), -1.0)
+    before = np.full(len(onward), -1)
+    queue = np.empty(len(onward), dtype=np.int64)
+    queue[0], value[start] = start, 0.0
+    tail, best = 1, start
+    for head in range(len(onward)):
+        if head == tail:
+            break
+        cell = queue[head]
+        if onward[cell] == 0 and (onward[best] > 0 or value[cell] > value[best]):
+            best = cell
+        for step in (-cols, 1, cols, -1):
+            near = cell + step
+            if not 0 <= near < len(onward) or onward[near] != onward[cell] - 1 or onward[near] < 0:
+                continue
+            if not _beside(cell, near, cols):
+                continue
+            if before[near] < 0:
+                queue[tail] = near
+                tail += 1
+            if value[cell] + worth[near] > value[near]:
+                value[near], before[near] = value[cell] + worth[near], cell
+    way = np.empty(onward[start], dtype=np.int64)
+    for n in range(len(way) - 1, -1, -1):
+        way[n], best = best, before[best]
+    return way
+
+
+@kernel
 def _beside(here: int, near: int, cols: int) -> bool:
     """Say whether a step of one cell in row-major order stays in its row, if it is one along a row."""
     return abs(here - near) == cols or here // cols == near // cols
