@@ -324,12 +324,14 @@ class Learner:
         config = self.config
         observation, actions, rewards, ends = self._replay.sample(config.batch, config.segment, self._random(2))
         size = config.batch * config.segment
-        values = self.network(observation)
+        values = self.network({name: part[:size] for name, part in observation.items()})
         with torch.no_grad():
-            best = values.detach().argmax(dim=1, keepdim=True)
-            bootstraps = self._target(observation).gather(1, best).reshape(-1, config.batch).numpy()
+            last = self.network({name: part[size:] for name, part in observation.items()})
+            best = torch.cat([values.detach()[config.batch :], last]).argmax(dim=1, keepdim=True)
+            onward = self._target({name: part[config.batch :] for name, part in observation.items()})
+            bootstraps = onward.gather(1, best).reshape(-1, config.batch).numpy()
         targets = torch.from_numpy(self._returns(rewards, ends, bootstraps).reshape(-1))
-        chosen = values[:size].gather(1, torch.from_numpy(actions.reshape(-1, 1)))[:, 0]
+        chosen = values.gather(1, torch.from_numpy(actions.reshape(-1, 1)))[:, 0]
         if config.huber:
             loss = nn.functional.huber_loss(chosen, targets, delta=config.huber)
         else:
@@ -348,11 +350,11 @@ class Learner:
         return {"loss": loss.item(), "value": values.detach().mean().item()}
 
     def _returns(self, rewards, ends, bootstraps):
-        """Return the targets of all steps, shape (T, B): λ-returns over the bootstraps, eq. 18 where λ = 0."""
+        """Return the targets of all steps, shape (T, B): λ-returns over what the next states are worth; eq. 18 where λ = 0."""
         config, targets = self.config, np.empty_like(rewards)
         onward = bootstraps[-1]
         for t in range(len(rewards) - 1, -1, -1):
-            onward = (1 - config.trace) * bootstraps[t + 1] + config.trace * onward
+            onward = (1 - config.trace) * bootstraps[t] + config.trace * onward
             onward = targets[t] = rewards[t] + config.discount * np.where(ends[t], 0.0, onward)
         return targets
 

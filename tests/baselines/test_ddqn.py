@@ -70,7 +70,7 @@ def returns(rewards, ends, bootstraps, discount, trace):
                 past += factor * rewards[n, b]
                 factor *= discount
                 final = n == steps - 1 or ends[n, b]
-                ahead = past + (0.0 if ends[n, b] else factor * bootstraps[n + 1, b])
+                ahead = past + (0.0 if ends[n, b] else factor * bootstraps[n, b])
                 share = weight if final else weight * (1 - trace)
                 total += share * ahead
                 weight *= trace
@@ -84,12 +84,12 @@ def returns(rewards, ends, bootstraps, discount, trace):
 def test_targets_are_lambda_returns_and_stop_where_episodes_end(trace):
     random = np.random.default_rng(0)
     rewards, ends = random.normal(size=(5, 7)).astype(np.float32), random.random((5, 7)) < 0.3
-    bootstraps = random.normal(size=(6, 7)).astype(np.float32)
+    bootstraps = random.normal(size=(5, 7)).astype(np.float32)
     learner = DDQN.Learner(CPP, replace(TINY, trace=trace), 0)
     found = learner._returns(rewards, ends, bootstraps)
     assert found == pytest.approx(returns(rewards, ends, bootstraps, TINY.discount, trace), abs=1e-5)
     if trace == 0.0:  # eq. 18
-        assert found == pytest.approx(rewards + TINY.discount * np.where(ends, 0.0, bootstraps[1:]), abs=1e-6)
+        assert found == pytest.approx(rewards + TINY.discount * np.where(ends, 0.0, bootstraps), abs=1e-6)
 
 
 def test_double_q_takes_the_online_networks_action_and_the_target_networks_value():
@@ -101,7 +101,7 @@ def test_double_q_takes_the_online_networks_action_and_the_target_networks_value
                 each.zero_()
             own.dense[-1].bias.copy_(slow * torch.tensor([0.0, 3.0, 1.0, 0.0, 0.0, 0.0]) if slow == 1.0 else torch.arange(6.0))
     seen = {}
-    learner._returns = lambda rewards, ends, bootstraps: seen.setdefault("bootstraps", bootstraps)[1:] * 0.0
+    learner._returns = lambda rewards, ends, bootstraps: seen.setdefault("bootstraps", bootstraps) * 0.0
     learner._learn()
     assert (seen["bootstraps"] == 1.0).all()  # the target network's value of action 1, not its own best
 
