@@ -1,0 +1,203 @@
+"""Our DDQN beside the DQN of Stable-Baselines3: the same environment, network, batch and machine, one thread each.
+
+Usage: python docs/reproduction/stable_baselines.py speed [--rounds 5]
+       python docs/reproduction/stable_baselines.py curves [--minutes 30] [--out runs]
+
+``speed`` counts the samples that each learns from in a second, in turns. ``curves`` trains each for the same time and writes
+``stable_baselines.csv``, scores on 200 validation episodes. Needs ``pip install 'uavbench[ddqn]' stable-baselines3``.
+"""
+
+import argparse
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+import torch
+from stable_baselines3 import DQN
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+
+from uavbench import load_scenario
+from uavbench.agent import find_agent
+from uavbench.evaluate import Job, evaluate
+from uavbench.metrics import METRICS
+from uavbench.observation import Observer
+from uavbench.weights import save_weights
+
+SCENARIO = "Manhattan32-CPP-v0"
+ENVIRONMENTS, BATCH, PREFILL = 128, 512, 8_192
+STEPS = 600_000  # over a fifth of which Stable-Baselines3 lowers its exploration; time ends first
+OURS = find_agent("ddqn").module()
+
+
+class SameNetwork(BaseFeaturesExtractor):
+    """The convolutions of our network; its dense layers are the policy's."""
+
+    def __init__(self, space, scenario):
+        network = OURS.Network(Observer(scenario), budget_scale=0.1)
+        super().__init__(space, features_dim=network.inputs)
+        self.branches = network.branches.to(memory_format=torch.contiguous_format)  # as Stable-Baselines3 leaves it
+        self.maps, self.budget_scale = network.maps, network.budget_scale
+
+    def forward(self, observation):
+        """Return the features, shape (B, N)."""
+        parts = [self.branches[f"{name}_map"](observation[name]) for name in self.maps]
+        return torch.cat([*parts, self.budget_scale * observation["budget"]], dim=1)
+
+
+class Agent:
+    """The policy of Stable-Baselines3, as ``uavbench evaluate`` scores it."""
+
+    model = None
+
+    def __init__(self, scenario):
+        pass
+
+    def act_batch(self, observations, infos):
+        """Return the best actions."""
+        return self.model.predict(observations, deterministic=True)[0]
+
+
+def theirs(scenario):
+    """Return Stable-Baselines3's DQN: a step of all environments, then an update on 512 of the steps that it remembers."""
+    envs = make_vec_env(
+        lambda: gym.wrappers.TransformReward(gym.make(f"uavbench/{scenario.id}"), lambda reward: 0.1 * reward),
+        n_envs=ENVIRONMENTS,
+        seed=0,
+    )
+    return DQN(
+        "MultiInputPolicy",
+        envs,
+        learning_rate=5e-4,
+        buffer_size=65_536,
+        learning_starts=PREFILL,
+        batch_size=BATCH,
+        gamma=0.95,
+        tau=0.005,
+        train_freq=1,
+        gradient_steps=1,
+        target_update_interval=1,
+        exploration_fraction=0.2,  # of STEPS
+        exploration_final_eps=0.05,
+        max_grad_norm=5.0,
+        policy_kwargs={
+            "features_extractor_class": SameNetwork,
+            "features_extractor_kwargs": {"scenario": scenario},
+            "net_arch": [256, 256, 256],
+        },
+        seed=0,
+        device="cpu",
+    )
+
+
+def speed(scenario, rounds, updates):
+    """Return the samples that each learns from in a second: the best of some rounds, in turns."""
+    ours, other = OURS.Learner(scenario, OURS.CONFIGS["fast"], seed=0), theirs(scenario)
+    ours.advance()
+    other.learn(PREFILL + ENVIRONMENTS)
+
+    def advance_ours():
+        for _ in range(updates):
+            ours.advance()
+
+    def advance_theirs():
+        other.learn(updates * ENVIRONMENTS, reset_num_timesteps=False)
+
+    best = {"uavbench": 0.0, "Stable-Baselines3": 0.0}
+    for _ in range(rounds):
+        for name, advance in zip(best, (advance_ours, advance_theirs), strict=True):
+            started = time.perf_counter()
+            advance()
+            best[name] = max(best[name], updates * BATCH / (time.perf_counter() - started))
+    return best
+
+
+class Curve(BaseCallback):
+    """Scores Stable-Baselines3's policy every few minutes, and stops when the time is up; scoring is not counted."""
+
+    def __init__(self, scenario, minutes, every):
+        super().__init__()
+        self.scenario, self.minutes, self.every, self.points = scenario, minutes, every, []
+
+    def _on_training_start(self):
+        self.started, self.scored = time.perf_counter(), 0.0
+
+    def _on_step(self):
+        spent = (time.perf_counter() - self.started - self.scored) / 60
+        if spent >= self.every * (len(self.points) + 1):
+            paused, Agent.model = time.perf_counter(), self.model
+            samples = self.model._n_updates * BATCH
+            self.points.append(("Stable-Baselines3", round(spent, 2), samples, *score(find_agent(__file__), self.scenario)))
+            print(*self.points[-1], flush=True)
+            self.scored += time.perf_counter() - paused
+        return spent < self.minutes
+
+
+def our_curve(scenario, minutes, every):
+    """Train ours as long, by ``fast`` with as many updates as the time allows: its learning rate falls towards their end."""
+    rate = speed_of(scenario)
+    learner = OURS.Learner(scenario, replace(OURS.CONFIGS["fast"], updates=int(60 * minutes * rate)), seed=0)
+    points, spent = [], 0.0
+    with tempfile.TemporaryDirectory() as folder:
+        weights = Path(folder) / "ddqn.safetensors"
+        while spent < 60 * minutes:
+            started = time.perf_counter()
+            learner.advance()
+            spent += time.perf_counter() - started
+            if spent >= 60 * every * (len(points) + 1):
+                save_weights(weights, learner.weights(), {})
+                points.append(("uavbench", round(spent / 60, 2), learner.samples, *score(find_agent(str(weights)), scenario)))
+                print(*points[-1], flush=True)
+    return points
+
+
+def speed_of(scenario):
+    """Return our updates in a second."""
+    learner = OURS.Learner(scenario, OURS.CONFIGS["fast"], seed=0)
+    learner.advance()
+    started = time.perf_counter()
+    for _ in range(50):
+        learner.advance()
+    return 50 / (time.perf_counter() - started)
+
+
+def score(source, scenario):
+    """Return Landed, CR and CRAL on 200 validation episodes."""
+    records = list(evaluate(Job(source, scenario, "validation"), range(200)))
+    return [round(float(np.mean([getattr(record, name) for record in records])), 4) for name in METRICS]
+
+
+def main():
+    """Measure."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("what", choices=("speed", "curves"))
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--updates", type=int, default=20, help="in a round")
+    parser.add_argument("--minutes", type=float, default=30.0)
+    parser.add_argument("--every", type=float, default=2.5, help="minutes from point to point")
+    parser.add_argument("--out", type=Path, default=Path("runs"))
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    scenario = load_scenario(SCENARIO)
+    if options.what == "speed":
+        best = speed(scenario, options.rounds, options.updates)
+        print("| | samples/s |\n| --- | ---: |")
+        for name, rate in best.items():
+            print(f"| {name} | {rate:,.0f} |")
+        print(f"\nratio {best['uavbench'] / best['Stable-Baselines3']:.2f}")
+        return
+    callback = Curve(scenario, options.minutes, options.every)
+    theirs(scenario).learn(STEPS, callback=callback)
+    points = callback.points + our_curve(scenario, options.minutes, options.every)
+    options.out.mkdir(parents=True, exist_ok=True)
+    table = pd.DataFrame(points, columns=["library", "minutes", "samples", *METRICS])
+    table.to_csv(options.out / "stable_baselines.csv", index=False)
+
+
+if __name__ == "__main__":
+    main()
