@@ -46,7 +46,7 @@ class SameNetwork(BaseFeaturesExtractor):
 
     def forward(self, observation):
         """Return the features, shape (B, N)."""
-        parts = [self.branches[f"{name}_map"](observation[name]) for name in self.maps]
+        parts = [self.branches[f"{name}_map"](observation[name]).flatten(1) for name in self.maps]
         return torch.cat([*parts, self.budget_scale * observation["budget"]], dim=1)
 
 
