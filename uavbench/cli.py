@@ -306,7 +306,7 @@ def bound(
         list[Path] | None,
         typer.Option(help="A folder that evaluate wrote: its scores count where they are the best known; repeatable."),
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Seconds that a bound may take.")] = 20.0,
+    seconds: Annotated[float, typer.Option(min=0.0, help="Seconds of processor time that a bound may take.")] = 20.0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder of the table, <scenario>.csv.")] = Path("reference"),
 ) -> None:

@@ -36,7 +36,7 @@ class Known:
     method : str
         What gave the bound.
     seconds : float
-        What it was allowed to take.
+        Processor time that it was allowed to take.
     best_known : float
         The highest CRAL that an agent has reached, in [0, 1]; NaN where there is none.
     agent : str

@@ -40,3 +40,14 @@ def test_each_planner_beats_the_one_before(city, mission, tmp_path):
         assert there.all()
         assert (cral[3] <= bound).all()
     assert cral[3][there].mean() <= bound[there].mean()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mission", ["CPP", "DH"])
+@pytest.mark.parametrize("city", ["Manhattan32", "Urban50"])
+def test_teams_fly_better_by_planner_than_by_greedy(city, mission, tmp_path):
+    scenario = load_scenario(f"{city}-{mission}-Team-v0")
+    results = [run(Job(find_agent(name), scenario, "test"), 50, tmp_path, workers=2) for name in ("greedy", "planner")]
+    worse, better = (result.episodes()["cral"].to_numpy(np.float64) for result in results)
+    assert results[1].metrics["landed"].mean == 1.0
+    assert compare(better, worse).difference.low > 0

@@ -81,7 +81,7 @@ def coverage_bound(
         A flight that is possible: the start, and the cell after every action but the last, which lands. It never changes
         what is valid; a good one makes the bound better and stops early when it is proved optimal.
     seconds : float
-        Time to spend. The bound is valid whenever it stops.
+        Processor time to spend, so that a busy machine gives no worse bounds. The bound is valid whenever it stops.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def coverage_bound(
     only weaker. What is returned is not the solver's optimum but the value of its dual solution, computed anew: any
     multipliers of the right sign give a valid bound, whatever the solver's tolerances, or where it was stopped.
     """
-    deadline = time.perf_counter() + seconds
+    deadline = time.process_time() + seconds
     mask = np.asarray(targets) != 0
     problem = _Problem(scenario, start, budget, mask)
     covered = 0 if plan is None else problem.covered(plan)
@@ -337,7 +337,7 @@ def _relax(problem: _Problem, plan: Sequence[Cell] | None, covered: int, deadlin
     point: NDArray[np.float64] | None = program.first_point()
     mean = program.first_point()
     best, rounds = float(problem.weights.sum()), 0
-    while point is not None and time.perf_counter() < deadline and math.floor(best + _ROUNDING) > covered:
+    while point is not None and time.process_time() < deadline and math.floor(best + _ROUNDING) > covered:
         mean = _MEMORY * mean + (1 - _MEMORY) * point
         smooth = _SMOOTHING * mean + (1 - _SMOOTHING) * point
         points = [smooth, point] if centre is None else [_TRUST * each + (1 - _TRUST) * centre for each in (smooth, point)]
@@ -345,6 +345,6 @@ def _relax(problem: _Problem, plan: Sequence[Cell] | None, covered: int, deadlin
         turns = (np.arange(len(program.terminal)) + rounds) % _TURNS
         if not any(program.add_violated(each, turns == turn) for each in points for turn in range(_TURNS)):
             break
-        bound, point = program.solve(deadline - time.perf_counter())
+        bound, point = program.solve(deadline - time.process_time())
         best, rounds = min(best, bound), rounds + 1
     return math.floor(best + _ROUNDING), rounds

@@ -52,7 +52,7 @@ def bound_episodes(
     results : iterable of Result
         In CPP the best of their flights helps the bound; where there is none, a quick search does.
     seconds : float
-        That each bound may take.
+        Processor time that each bound may take.
     workers : int
         Processes.
     """

@@ -86,7 +86,7 @@ def harvesting_bound(
     rounds : int
         Rounds of the descent. More make the bound better.
     seconds : float
-        Time to spend. The bound is valid whenever it stops.
+        Processor time to spend. The bound is valid whenever it stops.
 
     Notes
     -----
@@ -100,7 +100,7 @@ def harvesting_bound(
     the way to that cell: u_d falls by as much. The maximum is a longest walk through time, found by dynamic programming.
     Every such bound is valid. A smooth version of it is minimised over the worths by Adam (Kingma and Ba, ICLR 2015).
     """
-    deadline = time.perf_counter() + seconds
+    deadline = time.process_time() + seconds
     data = np.asarray(data, dtype=np.float64)
     total = float(data.sum())
     value, method, used = total, "data", 0
@@ -228,7 +228,7 @@ def _descend(problem: _Problem, planned: float, rounds: int, deadline: float) ->
     by_ring.values[:, 1 : _STEEP + 1] = _RISE
     best = math.inf
     for used in range(rounds):
-        if time.perf_counter() >= deadline or best <= planned:
+        if time.process_time() >= deadline or best <= planned:
             return best, used
         if used == rounds // 3 and best > _HOPELESS * problem.data.sum():
             return best, used

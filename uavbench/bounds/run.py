@@ -46,7 +46,7 @@ def run_bounds(
     out : Path
         A folder.
     seconds : float
-        That each bound may take.
+        Processor time that each bound may take.
     workers : int
         Processes.
     on_start : callable
