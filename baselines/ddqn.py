@@ -56,8 +56,9 @@ class Config:
         Where the loss becomes linear, and the greatest norm of a gradient; 0 for neither.
     anywhere, last_anywhere : float
         Share of episodes that start in any cell with any budget, at the beginning and in the end.
-    careful : float
-        Share of the environments in which no action is tried that loses the way home.
+    careful, last_careful : float
+        Share of the environments in which no action is tried that loses the way home, at the beginning and in the end. Where
+        all may crash, the first thing learned is to land at once; where none does, landing is never learned.
     validation : int
         Updates from one validation to the next.
     """
@@ -84,6 +85,7 @@ class Config:
     anywhere: float = 0.0
     last_anywhere: float = 0.0
     careful: float = 0.0
+    last_careful: float = 0.0
     validation: int = 1000
 
 
@@ -109,7 +111,8 @@ CONFIGS = {
         clip=5.0,
         anywhere=0.5,
         last_anywhere=0.1,
-        careful=0.25,
+        careful=0.9,
+        last_careful=0.5,
     ),
 }
 
@@ -254,7 +257,6 @@ class Learner:
         self._replay = Replay(scenario, config.environments, config.replay)
         self._simulator = Simulator(scenario, config.environments)
         self._observation = self._observer.empty(config.environments)
-        self._careful = np.arange(config.environments) < config.careful * config.environments
         self._all = np.arange(config.environments)
         self.updates = self._rounds = self._started = 0
         self._begin(self._all)
@@ -275,13 +277,16 @@ class Learner:
 
     def _begin(self, index):
         """Start the next episodes of the train split in the slots ``index``, a share of them anywhere."""
-        config, done = self.config, self.updates / self.config.updates
         numbers = np.arange(self._started, self._started + len(index), dtype=np.uint64)
         numbers = np.array([int(mix(np.uint64(self.seed << 40) + number)) >> 2 for number in numbers])
         self._simulator.reset(index, "train", numbers)
-        anywhere = config.anywhere + (config.last_anywhere - config.anywhere) * done
+        anywhere = self._between(self.config.anywhere, self.config.last_anywhere)
         self._simulator.scatter(index[self._random(1).random(len(index)) < anywhere])
         self._started += len(index)
+
+    def _between(self, first, last):
+        """Return a share that changes in proportion to the updates done."""
+        return first + (last - first) * self.updates / self.config.updates
 
     def _random(self, purpose):
         """Return the generator of this round for one purpose."""
@@ -296,7 +301,8 @@ class Learner:
             self._observer.write(state, self._all, self._observation)
             with torch.no_grad():
                 score += self.network(tensors(self._observation)).numpy() / config.temperature
-        score[self._careful] += np.where(self._homeward()[self._careful], 0.0, -np.inf)
+        careful = self._all < self._between(config.careful, config.last_careful) * config.environments
+        score[careful] += np.where(self._homeward()[careful], 0.0, -np.inf)
         actions = score.argmax(axis=1)
         self._replay.add_states(state)
         simulator.step(actions)

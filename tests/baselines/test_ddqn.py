@@ -11,6 +11,7 @@ import pytest
 from uavbench import load_scenario
 from uavbench.agent import AgentLoadError, find_agent
 from uavbench.evaluate import AgentError, Job, evaluate
+from uavbench.metrics import compare
 from uavbench.observation import Observer
 from uavbench.simulator import Simulator
 from uavbench.train import TrainError, Training, read_config, train
@@ -276,3 +277,15 @@ def test_the_papers_configuration_is_the_papers():
     for _ in range(3):
         learner.advance()
     assert learner.samples == 3 * 128
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", [CPP, DH], ids=["CPP", "DH"])
+def test_a_minute_of_training_beats_random_clearly(scenario, tmp_path):
+    config = replace(DDQN.CONFIGS["fast"], updates=1000, validation=200)
+    kept = train(training(config, scenario), tmp_path)
+    learned, random = (
+        np.array([record.cral for record in evaluate(Job(find_agent(name), scenario, "test"), range(300))])
+        for name in (str(kept), "random")
+    )
+    assert compare(learned, random).difference.low > 0.2
