@@ -7,24 +7,28 @@ It decides by the observation alone, as the paper's agent does, and uses more th
 - in CPP a network, learned from episodes of the train split, for what they do not tell: how target zones look;
 - the rules: it searches over whole flights, as `planner` does, again whenever it has learned something new.
 
-It learns nothing in DH: devices are anywhere with the same likelihood. Needs PyTorch for CPP: ``pip install 'uavbench[ddqn]'``.
+It learns nothing in DH: devices are anywhere with the same likelihood. Needs PyTorch: ``pip install 'uavbench[ddqn]'``.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from planner import Agent as Planner
+from torch import nn
 
-from uavbench.city import City, city_of
+from uavbench.city import OFFSETS, City, city_of
 from uavbench.keyed import mix
 from uavbench.observation import Observer
 from uavbench.planning.belief import DeviceBelief, TargetBelief, places, static
 from uavbench.planning.harvesting import expected_rates
 from uavbench.resources import shipped_weights
 from uavbench.simulator import Simulator
+from uavbench.weights import load_weights
 
 
 @dataclass
@@ -59,29 +63,202 @@ class Agent(Planner):
         super().__init__(scenario)
         self._city, self._places = city_of(scenario), places(scenario)
         weights = weights or shipped_weights("pilot").get(scenario.id)
-        self._completion = None if self._harvests or weights is None else _load(weights)
+        self._network = None if self._harvests or weights is None else load(weights)
 
     def reset(self, info):
         """Forget the last episode."""
         super().reset(info)
-        self._belief = DeviceBelief(self._scenario) if self._harvests else TargetBelief(self._scenario)
-        self._guess = np.zeros(self._scenario.shape, dtype=bool)
+        self._belief = (DeviceBelief if self._harvests else TargetBelief)(self._scenario)
+        self._target = np.zeros(self._scenario.shape, dtype=np.float32)
 
     def act(self, observation, info):
         """Return the next action of the flight that is best for all that is known."""
         here = self._places[static(observation["global"])]
-        belief, budget = self._belief, int(observation["budget"][0])
-        if isinstance(belief, DeviceBelief):
-            changed = belief.learn(here, observation)
-            state = Believed(0, self._city, here, budget, belief.data, **belief.devices())
-            if changed:
-                self._rates = expected_rates(self._scenario, state.device_cell)
-        else:
-            if belief.learn(here, observation):
-                self._guess = (belief.likely if self._completion is None else self._completion.complete(belief)) > 0.5
-            target = np.where(belief.known, belief.now, self._guess).astype(np.float32)
-            state = Believed(0, self._city, here, budget, target)
-            if self._flights and (target > self._expected).any() | (target < self._expected).any():
-                self._mend([state])
-            self._expected = target
-        return self.act_team([observation], [{**info, "state": state}])[0]
+        believed = Believed(0, self._city, here, int(observation["budget"][0]), self._target)
+        (self._believe_devices if self._harvests else self._believe_targets)(believed, observation)
+        return self.act_team([observation], [{**info, "state": believed}])[0]
+
+    def _believe_devices(self, believed, observation):
+        """Set the devices; the planner mends its flight at every step."""
+        changed = self._belief.learn(believed.position, observation)
+        believed.device_cell, believed.device_data = self._belief.devices()
+        if changed:
+            self._rates = expected_rates(self._scenario, believed.device_cell)
+
+    def _believe_targets(self, believed, observation):
+        """Set the target map, and mend the flight if what was not known has turned out to be otherwise."""
+        belief, before = self._belief, self._target
+        unknown = ~belief.known
+        if belief.learn(believed.position, observation):
+            self._guess = (belief.likely if self._network is None else self._complete(belief)) > 0.5
+        believed.target = self._target = np.where(belief.known, belief.now, self._guess).astype(np.float32)
+        if self._flights and (self._target != before)[unknown].any():
+            self._mend([believed])
+
+    def _complete(self, belief):
+        """Return how likely a cell is a target, by the network."""
+        with torch.no_grad():
+            return torch.sigmoid(self._network(torch.from_numpy(layers(belief)[None])))[0].numpy()
+
+
+# What the network learns.
+
+
+def layers(belief):
+    """Return what the network sees of a belief, shape (4, M, N): what is known, targets there, elsewhere their likelihood."""
+    likely = np.where(belief.known, 0.0, belief.likely)
+    return np.stack([belief.known, belief.known * belief.first, likely, belief.likely == 0.0]).astype(np.float32)
+
+
+class Network(nn.Module):
+    """The logits of targets: those of the likelihoods, and what convolutions add to them."""
+
+    def __init__(self, channels, depth):
+        super().__init__()
+        steps = []
+        for width, out in itertools.pairwise([4, *[channels] * depth]):
+            steps += [nn.Conv2d(width, out, 3, padding=1), nn.ReLU(inplace=True)]
+        self.added = nn.Sequential(*steps, nn.Conv2d(channels, 1, 1))
+
+    def forward(self, seen):
+        """Return logits, shape (B, M, N), for `layers` of beliefs, shape (B, 4, M, N)."""
+        return torch.logit(seen[:, 2], eps=0.02) + self.added(seen)[:, 0]
+
+
+@dataclass(frozen=True)
+class Config:
+    """How to train.
+
+    Attributes
+    ----------
+    updates : int
+        Gradient steps in all.
+    episodes, views : int
+        What an update learns from: episodes, and cells along a way through each, at every one of which it has a belief.
+    channels, depth : int
+        Of the network's convolutions.
+    rate : float
+        Adam's, at the beginning; it falls to 0 by a cosine.
+    validation, validation_episodes : int
+        Updates from one validation to the next, and episodes of one.
+    """
+
+    updates: int = 600
+    episodes: int = 24
+    views: int = 8
+    channels: int = 32
+    depth: int = 5
+    rate: float = 2e-3
+    validation: int = 600
+    validation_episodes: int = 20
+
+
+CONFIGS = {"fast": Config()}
+
+
+class Learner:
+    """Training on beliefs that ways through train episodes lead to, with the true targets as labels."""
+
+    def __init__(self, scenario, config, seed):
+        if scenario.mission.kind != "coverage":
+            raise ValueError(f"{scenario.id}: pilot learns nothing in DH: it flies without training")
+        self.scenario, self.config, self.seed, self.updates = scenario, config, seed, 0
+        torch.manual_seed(seed)
+        self.network = Network(config.channels, config.depth)
+        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.rate, fused=True)
+        self._simulator, self._observer = Simulator(scenario, config.episodes), Observer(scenario)
+
+    @property
+    def samples(self):
+        """How many beliefs have been learned from."""
+        return self.updates * self.config.episodes * self.config.views
+
+    def advance(self):
+        """Learn once; return what to plot."""
+        config = self.config
+        seen, wanted, asked = (torch.from_numpy(part) for part in self._draw())
+        for group in self._optimizer.param_groups:
+            group["lr"] = config.rate * (1 + math.cos(math.pi * self.updates / config.updates)) / 2
+        logits = self.network(seen)
+        loss = torch.nn.functional.binary_cross_entropy_with_logits(logits[asked], wanted[asked])
+        self._optimizer.zero_grad()
+        loss.backward()
+        self._optimizer.step()
+        self.updates += 1
+        with torch.no_grad():
+            wrong = ((logits > 0.0) != (wanted > 0.5))[asked].float().mean().item()
+            before = ((seen[:, 2] > 0.5) != (wanted > 0.5))[asked].float().mean().item()
+        return {"loss": loss.item(), "wrong": wrong, "wrong before": before}
+
+    def _draw(self):
+        """Return beliefs, the true targets, and which cells are asked for: those not known."""
+        config, simulator, scenario = self.config, self._simulator, self.scenario
+        number = self.updates * config.episodes + np.arange(config.episodes, dtype=np.uint64)
+        numbers = np.array([int(mix(np.uint64(self.seed << 40) + each)) >> 2 for each in number])
+        index = np.arange(config.episodes)
+        simulator.reset(index, "train", numbers)
+        random = np.random.default_rng((self.seed, self.updates))
+        city, state = simulator.city, simulator.state
+        goals = np.argwhere(city.home >= 0)[random.integers((city.home >= 0).sum(), size=config.episodes)]
+        ways = [_way(city, tuple(state.position[i, 0].tolist()), tuple(goals[i].tolist()), config.views, random) for i in index]
+        beliefs = [TargetBelief(scenario) for _ in index]
+        observation = self._observer.empty(config.episodes)
+        seen, asked = [], []
+        for view in range(config.views):
+            state.position[:, 0] = [way[view] for way in ways]
+            self._observer.write(state, index, observation)
+            for i in index:
+                beliefs[i].learn(ways[i][view], {name: part[i] for name, part in observation.items()})
+                seen.append(layers(beliefs[i]))
+                asked.append(~beliefs[i].known & (beliefs[i].likely > 0.0))
+        wanted = np.tile(state.target, (config.views, 1, 1))
+        return np.array(seen), wanted, np.array(asked)
+
+    def weights(self):
+        """Return the network's arrays, by name."""
+        return {name: tensor.numpy() for name, tensor in self.network.state_dict().items()}
+
+    def snapshot(self):
+        """Return all that changes, as arrays by name."""
+        arrays = {f"network.{name}": tensor.numpy() for name, tensor in self.network.state_dict().items()}
+        for k, moments in self._optimizer.state_dict()["state"].items():
+            arrays |= {f"adam.{k}.{name}": tensor.numpy() for name, tensor in moments.items()}
+        return {**arrays, "updates": np.array([self.updates])}
+
+    def resume(self, arrays):
+        """Go on from a `snapshot`."""
+        tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
+        self.network.load_state_dict({name: tensors[f"network.{name}"] for name in self.network.state_dict()})
+        moments = {}
+        for name, tensor in tensors.items():
+            kind, _, rest = name.partition(".")
+            if kind == "adam":
+                k, _, moment = rest.partition(".")
+                moments.setdefault(int(k), {})[moment] = tensor
+        self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": moments})
+        self.updates = int(arrays["updates"][0])
+
+
+def load(weights):
+    """Return the network of a file."""
+    arrays, _ = load_weights(weights)
+    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    depth = sum(tensor.dim() == 4 for tensor in tensors.values()) - 1
+    network = Network(tensors["added.0.weight"].shape[0], depth)
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise ValueError(f"{weights}: not weights of pilot's network: {error}") from None
+    return network
+
+
+def _way(city, here, goal, count, random):
+    """Return ``count`` cells on a random shortest way, staying at its end."""
+    left, way = city.distances(goal), [here]
+    while len(way) < count:
+        r, c = way[-1]
+        near = [(r + down, c + right) for down, right in OFFSETS[:4].tolist()]
+        inside = [cell for cell in near if 0 <= cell[0] < left.shape[0] and 0 <= cell[1] < left.shape[1]]
+        nearer = [cell for cell in inside if left[cell] >= 0 and left[cell] == left[r, c] - 1]
+        way.append(nearer[random.integers(len(nearer))] if nearer else (r, c))
+    return way

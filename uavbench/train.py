@@ -241,7 +241,8 @@ def _validate(training: Training, learner: Any, folder: Path, seconds: float) ->
     latest = folder / f".{training.label}.latest.safetensors"
     save_weights(latest, learner.weights(), training.record([]))
     job = Job(replace(training.source, weights=latest), training.scenario, "validation")
-    count = min(_VALIDATION_EPISODES, training.scenario.splits.validation.episodes)
+    wanted = getattr(training.config, "validation_episodes", _VALIDATION_EPISODES)
+    count = min(wanted, training.scenario.splits.validation.episodes)
     records = list(evaluate(job, range(count)))
     latest.unlink()
     scores = {name: float(np.mean([getattr(record, name) for record in records])) for name in METRICS}

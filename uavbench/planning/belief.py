@@ -136,10 +136,10 @@ class DeviceBelief:
                 self.data[block][tuple(cells[far.argmin()])] = rest[i, j]
         return bool(((self.data > 0.0) != before).any())
 
-    def devices(self) -> dict[str, NDArray[Any]]:
-        """Return ``device_cell`` (K, 2) and ``device_data`` (K,)."""
+    def devices(self) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return the devices' cells, shape (K, 2), and data, shape (K,)."""
         cells = np.argwhere(self.data > 0.0).astype(np.int32)
-        return {"device_cell": cells, "device_data": self.data[cells[:, 0], cells[:, 1]]}
+        return cells, self.data[cells[:, 0], cells[:, 1]]
 
 
 @kernel
