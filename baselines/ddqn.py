@@ -21,6 +21,7 @@ from uavbench.keyed import mix
 from uavbench.observation import Observer
 from uavbench.simulator import Simulator
 from uavbench.state import new_state
+from uavbench.torch_state import pack, unpack
 from uavbench.weights import load_weights, weights_path
 
 
@@ -380,10 +381,7 @@ class Learner:
 
     def snapshot(self):
         """Return all that changes, as arrays by name."""
-        arrays = {f"network.{name}": tensor.numpy() for name, tensor in self.network.state_dict().items()}
-        arrays |= {f"target.{name}": tensor.numpy() for name, tensor in self._target.state_dict().items()}
-        for k, moments in self._optimizer.state_dict()["state"].items():
-            arrays |= {f"adam.{k}.{name}": tensor.numpy() for name, tensor in moments.items()}
+        arrays = pack({"network": self.network, "target": self._target}, self._optimizer)
         arrays |= {f"replay.{name}": array for name, array in self._replay.arrays.items()}
         arrays |= {f"simulator.{name}": array for name, array in self._simulator.snapshot().items()}
         counters = [self.updates, self._rounds, self._started, self._replay.written]
@@ -391,21 +389,11 @@ class Learner:
 
     def resume(self, arrays):
         """Go on from a `snapshot` of a learner of the same scenario, configuration and seed."""
-        groups = {}
-        for name, array in arrays.items():
-            group, _, rest = name.partition(".")
-            groups.setdefault(group, {})[rest] = array
-        for network, group in ((self.network, "network"), (self._target, "target")):
-            network.load_state_dict({name: torch.from_numpy(array) for name, array in groups[group].items()})
-        moments, parameters = {}, list(self.network.parameters())
-        for name, array in groups.get("adam", {}).items():
-            k, _, moment = name.partition(".")
-            like = torch.zeros_like(parameters[int(k)]) if array.shape else torch.zeros(())  # laid out as it was
-            moments.setdefault(int(k), {})[moment] = like.copy_(torch.from_numpy(array))
-        self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": moments})
-        for name, array in groups["replay"].items():
-            self._replay.arrays[name][:] = array
-        self._simulator.resume(groups["simulator"])
+        unpack(arrays, {"network": self.network, "target": self._target}, self._optimizer)
+        for name, array in self._replay.arrays.items():
+            array[:] = arrays[f"replay.{name}"]
+        simulator = {name.removeprefix("simulator."): array for name, array in arrays.items() if name.startswith("simulator.")}
+        self._simulator.resume(simulator)
         self.updates, self._rounds, self._started, self._replay.written = arrays["counters"].tolist()
 
 

@@ -28,6 +28,7 @@ from uavbench.planning.belief import DeviceBelief, TargetBelief, places, static
 from uavbench.planning.harvesting import expected_rates
 from uavbench.resources import shipped_weights
 from uavbench.simulator import Simulator
+from uavbench.torch_state import pack, unpack
 from uavbench.weights import load_weights
 
 
@@ -63,12 +64,12 @@ class Agent(Planner):
         super().__init__(scenario)
         self._city, self._places = city_of(scenario), places(scenario)
         weights = weights or shipped_weights("pilot").get(scenario.id)
-        self._network = None if self._harvests or weights is None else load(weights)
+        self._network: Any = None if self._harvests or weights is None else load(weights)
 
     def reset(self, info):
         """Forget the last episode."""
         super().reset(info)
-        self._belief = (DeviceBelief if self._harvests else TargetBelief)(self._scenario)
+        self._belief: Any = (DeviceBelief if self._harvests else TargetBelief)(self._scenario)
         self._target = np.zeros(self._scenario.shape, dtype=np.float32)
 
     def act(self, observation, info):
@@ -220,23 +221,12 @@ class Learner:
 
     def snapshot(self):
         """Return all that changes, as arrays by name."""
-        arrays = {f"network.{name}": tensor.numpy() for name, tensor in self.network.state_dict().items()}
-        for k, moments in self._optimizer.state_dict()["state"].items():
-            arrays |= {f"adam.{k}.{name}": tensor.numpy() for name, tensor in moments.items()}
-        return {**arrays, "updates": np.array([self.updates])}
+        return {**pack({"network": self.network}, self._optimizer), "counters": np.array([self.updates])}
 
     def resume(self, arrays):
         """Go on from a `snapshot`."""
-        tensors = {name: torch.from_numpy(array.copy()) for name, array in arrays.items()}
-        self.network.load_state_dict({name: tensors[f"network.{name}"] for name in self.network.state_dict()})
-        moments = {}
-        for name, tensor in tensors.items():
-            kind, _, rest = name.partition(".")
-            if kind == "adam":
-                k, _, moment = rest.partition(".")
-                moments.setdefault(int(k), {})[moment] = tensor
-        self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": moments})
-        self.updates = int(arrays["updates"][0])
+        unpack(arrays, {"network": self.network}, self._optimizer)
+        self.updates = int(arrays["counters"][0])
 
 
 def load(weights):

@@ -1,0 +1,51 @@
+"""PyTorch's networks and optimisers as arrays by name, and back: what a learner's checkpoint is made of. No pickles."""
+
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
+    """Return the arrays of networks, by their names, and of the optimiser's moments.
+
+    Parameters
+    ----------
+    networks : mapping of str to torch.nn.Module
+        Names without a dot, none of them "optimizer".
+    optimizer : torch.optim.Optimizer
+    """
+    arrays: Arrays = {}
+    for name, network in networks.items():
+        arrays |= {f"{name}.{part}": tensor.numpy() for part, tensor in network.state_dict().items()}
+    for k, moments in optimizer.state_dict()["state"].items():
+        arrays |= {f"optimizer.{k}.{part}": tensor.numpy() for part, tensor in moments.items()}
+    return arrays
+
+
+def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], optimizer: Any) -> None:
+    """Set networks and the optimiser as `pack` found them.
+
+    Raises
+    ------
+    KeyError, RuntimeError
+        When the arrays are of other networks.
+    """
+    torch: Any = importlib.import_module("torch")
+    groups: dict[str, Arrays] = {}
+    for name, array in arrays.items():
+        group, _, part = name.partition(".")
+        groups.setdefault(group, {})[part] = array
+    for name, network in networks.items():
+        network.load_state_dict({part: torch.from_numpy(np.array(array)) for part, array in groups[name].items()})
+    parameters = [each for group in optimizer.param_groups for each in group["params"]]
+    state: dict[int, dict[str, Any]] = {}
+    for name, array in groups.get("optimizer", {}).items():
+        k, _, part = name.partition(".")
+        like = torch.zeros_like(parameters[int(k)]) if array.shape else torch.zeros(())  # laid out in memory as it was
+        state.setdefault(int(k), {})[part] = like.copy_(torch.from_numpy(np.array(array)))
+    optimizer.load_state_dict({**optimizer.state_dict(), "state": state})
