@@ -45,7 +45,18 @@ class Believed:
     device_data: Any = None
 
 
-class Agent(Planner):
+class Flights(Planner):
+    """The planner, told of what has turned out to be otherwise."""
+
+    def revise(self, believed):
+        """Take in new devices, or mend the flight for new targets."""
+        if self._harvests:
+            self._rates = expected_rates(self._scenario, believed.device_cell)
+        elif self._flights:
+            self._mend([believed])
+
+
+class Agent:
     """Believes, plans, and plans again as it learns more.
 
     Parameters
@@ -61,14 +72,15 @@ class Agent(Planner):
     def __init__(self, scenario, weights: Path | None = None):
         if scenario.team:
             raise ValueError(f"pilot flies one UAV; {scenario.id} is for teams: choose one without Team in its id")
-        super().__init__(scenario)
+        self._scenario, self._planner = scenario, Flights(scenario)
+        self._harvests = scenario.mission.kind == "harvesting"
         self._city, self._places = city_of(scenario), places(scenario)
         weights = weights or shipped_weights("pilot").get(scenario.id)
         self._network: Any = None if self._harvests or weights is None else load(weights)
 
     def reset(self, info):
         """Forget the last episode."""
-        super().reset(info)
+        self._planner.reset(info)
         self._belief: Any = (DeviceBelief if self._harvests else TargetBelief)(self._scenario)
         self._target = np.zeros(self._scenario.shape, dtype=np.float32)
 
@@ -77,14 +89,14 @@ class Agent(Planner):
         here = self._places[static(observation["global"])]
         believed = Believed(0, self._city, here, int(observation["budget"][0]), self._target)
         (self._believe_devices if self._harvests else self._believe_targets)(believed, observation)
-        return self.act_team([observation], [{**info, "state": believed}])[0]
+        return self._planner.act_team([observation], [{**info, "state": believed}])[0]
 
     def _believe_devices(self, believed, observation):
-        """Set the devices; the planner mends its flight at every step."""
+        """Set the devices; the planner mends its flight for their data at every step."""
         changed = self._belief.learn(believed.position, observation)
         believed.device_cell, believed.device_data = self._belief.devices()
         if changed:
-            self._rates = expected_rates(self._scenario, believed.device_cell)
+            self._planner.revise(believed)
 
     def _believe_targets(self, believed, observation):
         """Set the target map, and mend the flight if what was not known has turned out to be otherwise."""
@@ -93,8 +105,8 @@ class Agent(Planner):
         if belief.learn(believed.position, observation):
             self._guess = (belief.likely if self._network is None else self._complete(belief)) > 0.5
         believed.target = self._target = np.where(belief.known, belief.now, self._guess).astype(np.float32)
-        if self._flights and (self._target != before)[unknown].any():
-            self._mend([believed])
+        if (self._target != before)[unknown].any():
+            self._planner.revise(believed)
 
     def _complete(self, belief):
         """Return how likely a cell is a target, by the network."""
