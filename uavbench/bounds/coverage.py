@@ -26,10 +26,9 @@ Cell = tuple[int, int]
 _ROUNDING = 1e-6  # far more than floating point loses in a bound, far less than the 1 between two values
 _SAVING = 0.01  # what a move not made is worth, so that rounds make progress while everything could still be covered
 _VIOLATION = 0.1  # by how much a cut must fall short
-_NESTED = 4
-_TURNS = 4  # neighbouring groups want similar cuts: in a round every fourth asks
-_MEMORY, _SMOOTHING = 0.8, 0.9  # of the mean of the LP's solutions: in each round, and where cuts are sought
-_TRUST = 0.5  # cuts are sought at so much of that and the rest of the plan: they are deeper there
+_NESTED = 3
+_MEMORY, _SMOOTHING = 0.5, 0.9  # of the mean of the LP's solutions: in each round, and where cuts are sought
+_TRUST = 0.8  # cuts are sought at so much of that and the rest of the plan: they are deeper there
 
 
 @dataclass(frozen=True)
@@ -270,9 +269,9 @@ class _Program:
         point[self._w.start + problem.landing.index(path[-1])] = point[-1] = 1.0
         return point
 
-    def add_violated(self, point: NDArray[np.float64], asking: NDArray[np.bool_]) -> int:
-        """Add cuts that ``point`` violates, for the terminals that are ``asking``; return how many."""
-        demand = np.where(asking, 2 * point[self.terminal], 0.0)
+    def add_violated(self, point: NDArray[np.float64]) -> int:
+        """Add cuts that ``point`` violates; return how many."""
+        demand = 2 * point[self.terminal]
         capacity = point[self._z.start :].copy()
         which, inside = violated_cuts(
             self._graph, capacity, self._root, self._first, self._members, demand, _VIOLATION, _NESTED
@@ -342,8 +341,7 @@ def _relax(problem: _Problem, plan: Sequence[Cell] | None, covered: int, deadlin
         smooth = _SMOOTHING * mean + (1 - _SMOOTHING) * point
         points = [smooth, point] if centre is None else [_TRUST * each + (1 - _TRUST) * centre for each in (smooth, point)]
         points.append(point)
-        turns = (np.arange(len(program.terminal)) + rounds) % _TURNS
-        if not any(program.add_violated(each, turns == turn) for each in points for turn in range(_TURNS)):
+        if not any(program.add_violated(each) for each in points):
             break
         bound, point = program.solve(deadline - time.process_time())
         best, rounds = min(best, bound), rounds + 1
