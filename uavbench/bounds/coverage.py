@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.bounds.flow import network, violated_cuts
+from uavbench.bounds.flow import cut_rows, network, violated_cuts
 from uavbench.city import city_of
 from uavbench.missions.coverage import camera_views
 from uavbench.parameters import Coverage
@@ -278,16 +278,19 @@ class _Program:
         )
         if not len(which):
             return 0
-        rows = np.zeros((len(which), self._columns))
-        ends = self._graph.ends
-        rows[:, self._z.start :] = inside[:, ends[:, 0]] != inside[:, ends[:, 1]]
-        rows[np.arange(len(which)), self.terminal[which]] -= 2.0
-        row, column = np.nonzero(rows)
-        values, columns = rows[row, column], column.astype(np.int32)
-        begin = np.searchsorted(row, np.arange(len(which))).astype(np.int32)
-        count = len(which)
-        self._highs.addRows(count, np.zeros(count), np.full(count, self._infinity), len(row), begin, columns, values)
-        self._cuts += zip(np.split(columns, begin[1:]), np.split(values, begin[1:]), strict=True)
+        terminal = self.terminal[which]
+        groups = terminal < self._z.start
+        # Groups with the same set share a row: the mean of theirs, by their weights. What is no group has its own.
+        apart = np.where(groups, 0, terminal).astype(np.int32)[:, None].view(np.uint8)
+        sets = np.concatenate([np.packbits(inside, axis=1), apart], axis=1)
+        _, kept, row = np.unique(sets, axis=0, return_index=True, return_inverse=True)
+        count, order = len(kept), np.argsort(row, kind="stable")
+        weight = np.where(groups, self._value[terminal], 1.0)
+        share = weight / np.bincount(row, weight)[row]
+        first = np.searchsorted(row[order], np.arange(count + 1))
+        begin, columns, values = cut_rows(self._graph.ends, inside[kept], self._z.start, first, terminal[order], share[order])
+        self._highs.addRows(count, np.zeros(count), np.full(count, self._infinity), len(columns), begin[:-1], columns, values)
+        self._cuts += zip(np.split(columns, begin[1:-1]), np.split(values, begin[1:-1]), strict=True)
         return count
 
     def solve(self, seconds: float) -> tuple[float, NDArray[np.float64] | None]:
