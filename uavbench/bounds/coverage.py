@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.bounds.flow import network, violated_cuts
+from uavbench.bounds.flow import cut_rows, network, violated_cuts
 from uavbench.city import city_of
 from uavbench.missions.coverage import camera_views
 from uavbench.parameters import Coverage
@@ -26,10 +26,9 @@ Cell = tuple[int, int]
 _ROUNDING = 1e-6  # far more than floating point loses in a bound, far less than the 1 between two values
 _SAVING = 0.01  # what a move not made is worth, so that rounds make progress while everything could still be covered
 _VIOLATION = 0.1  # by how much a cut must fall short
-_NESTED = 4
-_TURNS = 4  # neighbouring groups want similar cuts: in a round every fourth asks
-_MEMORY, _SMOOTHING = 0.8, 0.9  # of the mean of the LP's solutions: in each round, and where cuts are sought
-_TRUST = 0.5  # cuts are sought at so much of that and the rest of the plan: they are deeper there
+_NESTED = 3  # pairs of cuts a group asks for in a round, one around the other: more make the program slow, fewer the rounds many
+_MEMORY, _SMOOTHING = 0.5, 0.9  # of the mean of the LP's solutions: in each round, and where cuts are sought
+_TRUST = 0.8  # cuts are sought at so much of that and the rest of the plan: they are deeper there
 
 
 @dataclass(frozen=True)
@@ -270,25 +269,28 @@ class _Program:
         point[self._w.start + problem.landing.index(path[-1])] = point[-1] = 1.0
         return point
 
-    def add_violated(self, point: NDArray[np.float64], asking: NDArray[np.bool_]) -> int:
-        """Add cuts that ``point`` violates, for the terminals that are ``asking``; return how many."""
-        demand = np.where(asking, 2 * point[self.terminal], 0.0)
+    def add_violated(self, point: NDArray[np.float64]) -> int:
+        """Add cuts that ``point`` violates; return how many."""
+        demand = 2 * point[self.terminal]
         capacity = point[self._z.start :].copy()
         which, inside = violated_cuts(
             self._graph, capacity, self._root, self._first, self._members, demand, _VIOLATION, _NESTED
         )
         if not len(which):
             return 0
-        rows = np.zeros((len(which), self._columns))
-        ends = self._graph.ends
-        rows[:, self._z.start :] = inside[:, ends[:, 0]] != inside[:, ends[:, 1]]
-        rows[np.arange(len(which)), self.terminal[which]] -= 2.0
-        row, column = np.nonzero(rows)
-        values, columns = rows[row, column], column.astype(np.int32)
-        begin = np.searchsorted(row, np.arange(len(which))).astype(np.int32)
-        count = len(which)
-        self._highs.addRows(count, np.zeros(count), np.full(count, self._infinity), len(row), begin, columns, values)
-        self._cuts += zip(np.split(columns, begin[1:]), np.split(values, begin[1:]), strict=True)
+        terminal = self.terminal[which]
+        groups = terminal < self._z.start
+        # Groups with the same set share a row: the mean of theirs, by their weights. What is no group has its own.
+        apart = np.where(groups, 0, terminal).astype(np.int32)[:, None].view(np.uint8)
+        sets = np.concatenate([np.packbits(inside, axis=1), apart], axis=1)
+        _, kept, row = np.unique(sets, axis=0, return_index=True, return_inverse=True)
+        count, order = len(kept), np.argsort(row, kind="stable")
+        weight = np.where(groups, self._value[terminal], 1.0)
+        share = weight / np.bincount(row, weight)[row]
+        first = np.searchsorted(row[order], np.arange(count + 1))
+        begin, columns, values = cut_rows(self._graph.ends, inside[kept], self._z.start, first, terminal[order], share[order])
+        self._highs.addRows(count, np.zeros(count), np.full(count, self._infinity), len(columns), begin[:-1], columns, values)
+        self._cuts += zip(np.split(columns, begin[1:-1]), np.split(values, begin[1:-1]), strict=True)
         return count
 
     def solve(self, seconds: float) -> tuple[float, NDArray[np.float64] | None]:
@@ -342,8 +344,7 @@ def _relax(problem: _Problem, plan: Sequence[Cell] | None, covered: int, deadlin
         smooth = _SMOOTHING * mean + (1 - _SMOOTHING) * point
         points = [smooth, point] if centre is None else [_TRUST * each + (1 - _TRUST) * centre for each in (smooth, point)]
         points.append(point)
-        turns = (np.arange(len(program.terminal)) + rounds) % _TURNS
-        if not any(program.add_violated(each, turns == turn) for each in points for turn in range(_TURNS)):
+        if not any(program.add_violated(each) for each in points):
             break
         bound, point = program.solve(deadline - time.process_time())
         best, rounds = min(best, bound), rounds + 1

@@ -103,6 +103,62 @@ def violated_cuts(
 
 
 @kernel
+def cut_rows(
+    ends: NDArray[np.int32],
+    inside: NDArray[np.bool_],
+    offset: int,
+    first: NDArray[np.int64],
+    terminal: NDArray[np.int64],
+    share: NDArray[np.float64],
+) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
+    """Return the rows x(δS) − 2 Σ share x_t of a sparse matrix: where they begin, their columns and values.
+
+    Parameters
+    ----------
+    ends : ndarray of int32, shape (m, 2)
+        Of the edges; edge e is the column ``offset`` + e.
+    inside : ndarray of bool, shape (C, n)
+        The sets S.
+    offset : int
+        The columns before the edges'.
+    first : ndarray of int64, shape (C + 1,)
+        What set k is around are the columns ``terminal[first[k]:first[k + 1]]``: several, or one, which may be an edge's.
+    terminal : ndarray of int64
+        Columns.
+    share : ndarray of float64
+        Of each of them; those of a set sum to 1.
+    """
+    crossing = np.empty(len(ends), dtype=np.int32)
+    begin = np.zeros(len(inside) + 1, dtype=np.int32)
+    for k in range(len(inside)):
+        begin[k + 1] = begin[k] + _cross(ends, inside[k], crossing)
+        for column in terminal[first[k] : first[k + 1]]:
+            begin[k + 1] += column < offset
+    columns, values = np.empty(begin[-1], dtype=np.int32), np.ones(begin[-1])
+    for k in range(len(inside)):
+        count = _cross(ends, inside[k], crossing)
+        edges = begin[k + 1] - count
+        columns[edges : begin[k + 1]] = offset + crossing[:count]
+        for n in range(edges - begin[k]):
+            columns[begin[k] + n] = terminal[first[k] + n]
+            values[begin[k] + n] = -2.0 * share[first[k] + n]
+        for n in range(edges, begin[k + 1]):
+            if columns[n] == terminal[first[k]]:
+                values[n] -= 2.0
+    return begin, columns, values
+
+
+@kernel
+def _cross(ends: NDArray[np.int32], inside: NDArray[np.bool_], crossing: NDArray[np.int32]) -> int:
+    """Write the edges with one end ``inside``; return how many."""
+    count = 0
+    for e in range(len(ends)):
+        crossing[count] = e
+        count += inside[ends[e, 0]] != inside[ends[e, 1]]
+    return count
+
+
+@kernel
 def _send(
     graph: Network,
     capacity: NDArray[np.float64],
