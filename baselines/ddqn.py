@@ -16,12 +16,12 @@ import numpy as np
 import torch
 from torch import nn
 
-from uavbench.city import LAND, NUM_ACTIONS, OFFSETS
-from uavbench.keyed import mix
+from uavbench.city import NUM_ACTIONS
+from uavbench.episode import train_numbers
 from uavbench.observation import Observer
 from uavbench.simulator import Simulator
 from uavbench.state import new_state
-from uavbench.torch_state import pack, unpack
+from uavbench.torch_state import pack, unpack, unpack_network
 from uavbench.weights import load_weights, weights_path
 
 
@@ -278,9 +278,7 @@ class Learner:
 
     def _begin(self, index):
         """Start the next episodes of the train split in the slots ``index``, a share of them anywhere."""
-        numbers = np.arange(self._started, self._started + len(index), dtype=np.uint64)
-        numbers = np.array([int(mix(np.uint64(self.seed << 40) + number)) >> 2 for number in numbers])
-        self._simulator.reset(index, "train", numbers)
+        self._simulator.reset(index, "train", train_numbers(self.seed, self._started, len(index)))
         anywhere = self._between(self.config.anywhere, self.config.last_anywhere)
         self._simulator.scatter(index[self._random(1).random(len(index)) < anywhere])
         self._started += len(index)
@@ -303,7 +301,8 @@ class Learner:
             with torch.no_grad():
                 score += self.network(tensors(self._observation)).numpy() / config.temperature
         careful = self._all < self._between(config.careful, config.last_careful) * config.environments
-        score[careful] += np.where(self._homeward()[careful], 0.0, -np.inf)
+        homeward = simulator.city.homeward(state.position[careful, 0], state.budget[careful, 0])
+        score[careful] += np.where(homeward, 0.0, -np.inf)
         actions = score.argmax(axis=1)
         self._replay.add_states(state)
         simulator.step(actions)
@@ -312,17 +311,6 @@ class Learner:
         over = np.flatnonzero(state.done[:, 0])
         if len(over):
             self._begin(over)
-
-    def _homeward(self):
-        """Return which actions leave a way home, shape (E, 6); all, where none does."""
-        state, city = self._simulator.state, self._simulator.city
-        position = state.position[:, 0]
-        there = position[:, None] + OFFSETS[None]
-        there = np.where(self._simulator.action_mask()[..., None], there, position[:, None])  # what is blocked stays
-        left = state.budget[:, 0, None] - 1 - city.home[there[..., 0], there[..., 1]]
-        safe = left >= 1
-        safe[:, LAND] |= city.landing[position[:, 0], position[:, 1]]
-        return safe | ~safe.any(axis=1, keepdims=True)
 
     # Learning.
 
@@ -375,7 +363,7 @@ class Learner:
     # Interrupting.
 
     def weights(self):
-        """Return the network's arrays, by name, and the budget's scale."""
+        """Return what the agent needs."""
         arrays = {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
         return {**arrays, "budget_scale": np.array([self.config.budget_scale])}
 
@@ -408,15 +396,11 @@ class Agent:
     """
 
     def __init__(self, scenario, weights=None):
-        arrays, record = load_weights(weights or weights_path("ddqn", scenario))
-        arrays = {name: torch.from_numpy(array) for name, array in arrays.items()}
-        scale = arrays.pop("budget_scale", torch.ones(1)).item()
+        path = weights or weights_path("ddqn", scenario)
+        arrays, _ = load_weights(path)
+        scale = arrays.pop("budget_scale", np.ones(1)).item()
         self.network = Network(Observer(scenario), budget_scale=scale)
-        try:
-            self.network.load_state_dict(arrays)
-        except RuntimeError as error:
-            reason = f"of a network for {record.get('scenario')}, which does not fit {scenario.id}"
-            raise ValueError(f"{weights}: {reason}: {error}") from None
+        unpack_network(arrays, self.network, path, scenario)
 
     def act_batch(self, observations, infos):
         """Return the best actions by the network."""

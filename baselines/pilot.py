@@ -22,13 +22,13 @@ from planner import Agent as Planner
 from torch import nn
 
 from uavbench.city import OFFSETS, City, city_of
-from uavbench.keyed import mix
+from uavbench.episode import train_numbers
 from uavbench.observation import Observer
 from uavbench.planning.belief import DeviceBelief, TargetBelief, places, static
 from uavbench.planning.harvesting import expected_rates
 from uavbench.resources import shipped_weights
 from uavbench.simulator import Simulator
-from uavbench.torch_state import pack, unpack
+from uavbench.torch_state import pack, unpack, unpack_network
 from uavbench.weights import load_weights
 
 
@@ -76,7 +76,7 @@ class Agent:
         self._harvests = scenario.mission.kind == "harvesting"
         self._city, self._places = city_of(scenario), places(scenario)
         weights = weights or shipped_weights("pilot").get(scenario.id)
-        self._network: Any = None if self._harvests or weights is None else load(weights)
+        self._network: Any = None if self._harvests or weights is None else load(weights, scenario)
 
     def reset(self, info):
         """Forget the last episode."""
@@ -206,10 +206,8 @@ class Learner:
     def _draw(self):
         """Return beliefs, the true targets, and which cells are asked for: those not known."""
         config, simulator, scenario = self.config, self._simulator, self.scenario
-        number = self.updates * config.episodes + np.arange(config.episodes, dtype=np.uint64)
-        numbers = np.array([int(mix(np.uint64(self.seed << 40) + each)) >> 2 for each in number])
         index = np.arange(config.episodes)
-        simulator.reset(index, "train", numbers)
+        simulator.reset(index, "train", train_numbers(self.seed, self.updates * config.episodes, config.episodes))
         random = np.random.default_rng((self.seed, self.updates))
         city, state = simulator.city, simulator.state
         goals = np.argwhere(city.home >= 0)[random.integers((city.home >= 0).sum(), size=config.episodes)]
@@ -241,16 +239,13 @@ class Learner:
         self.updates = int(arrays["counters"][0])
 
 
-def load(weights):
+def load(weights, scenario):
     """Return the network of a file."""
     arrays, _ = load_weights(weights)
-    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
-    depth = sum(tensor.dim() == 4 for tensor in tensors.values()) - 1
-    network = Network(tensors["added.0.weight"].shape[0], depth)
-    try:
-        network.load_state_dict(tensors)
-    except RuntimeError as error:
-        raise ValueError(f"{weights}: not weights of pilot's network: {error}") from None
+    depth = sum(array.ndim == 4 for array in arrays.values()) - 1
+    first = arrays.get("added.0.weight")
+    network = Network(1 if first is None else len(first), depth)
+    unpack_network(arrays, network, weights, scenario)
     return network
 
 

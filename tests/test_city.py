@@ -10,7 +10,7 @@ from oracle import ray, visible
 from worlds import COVERAGE, maps, scenario
 
 from uavbench import load_scenario
-from uavbench.city import City, city_of
+from uavbench.city import LAND, OFFSETS, City, city_of
 from uavbench.missions.coverage import camera_gain, camera_views
 from uavbench.missions.harvesting import HarvestingMission
 from uavbench.observation import Observer
@@ -76,6 +76,22 @@ def test_the_cameras_views_are_its_square_less_buildings_and_shadow(rows, size):
                 assert bool(int(views[r, c]) >> (i * size + j) & 1) == shown
                 count += bool(shown and target[y, x])
         assert gain[r, c] == count
+
+
+@settings(max_examples=40)
+@given(maps(), st.integers(1, 20))
+def test_homeward_are_the_actions_after_which_it_can_still_land(rows, budget):
+    city = City(rows)
+    there = np.argwhere(city.home >= 0)
+    found = city.homeward(there, np.full(len(there), budget))
+    for (r, c), mask in zip(there.tolist(), found.tolist(), strict=True):
+        expected = []
+        for action, (down, right) in enumerate(OFFSETS.tolist()):
+            y, x = r + down, c + right
+            blocked = not (0 <= y < city.shape[0] and 0 <= x < city.shape[1]) or city.no_fly[y, x]
+            home = city.home[r, c] if blocked else city.home[y, x]
+            expected.append((action == LAND and bool(city.landing[r, c])) or bool(home + 1 < budget))
+        assert mask == (expected if any(expected) else [True] * 6)
 
 
 def test_its_arrays_are_read_only():

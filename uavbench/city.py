@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,6 +65,23 @@ class City:
             closed = closed if n else closed.copy()
             closed[held] = True
         return _distances(closed, np.array([cell], dtype=np.int32))
+
+    def homeward(self, positions: NDArray[np.integer[Any]], budgets: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return after which actions a UAV alone can still land, or has; shape (B, 6). All, where that is past hope.
+
+        Parameters
+        ----------
+        positions : ndarray of int, shape (B, 2)
+            Cells with a way home.
+        budgets : ndarray of int, shape (B,)
+            Actions left.
+        """
+        row, col = positions[:, 0], positions[:, 1]
+        mask = self.action_mask[row, col] > 0
+        there = positions[:, None] + mask[..., None] * OFFSETS  # what is blocked stays
+        possible = self.home[there[..., 0], there[..., 1]] + 1 <= budgets[:, None] - 1
+        possible[:, LAND] |= self.landing[row, col]
+        return possible | ~possible.any(axis=1, keepdims=True)
 
     def visible(self, cell: Sequence[int]) -> NDArray[np.bool_]:
         """Return the cells that a ray from ``cell`` reaches before its first building; shape (M, N)."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.files import unpack_arrays
+from uavbench.keyed import mix
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, Split, SplitName
 
 #: Number of episodes of the train split.
@@ -51,6 +52,12 @@ def check_number(scenario: Scenario, split: SplitName, number: object) -> int:
 def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
     """Return the keys of the episodes ``numbers`` of ``split``."""
     return np.uint64(SPLITS.index(split) << 62) | numbers.astype(np.uint64)
+
+
+def train_numbers(seed: int, first: int, count: int) -> NDArray[np.int64]:
+    """Return the numbers of a learner's train episodes ``first`` to ``first + count``: another row for every seed."""
+    keys = np.uint64(seed << 40) + np.arange(first, first + count, dtype=np.uint64)
+    return np.array([int(mix(key)) >> 2 for key in keys], dtype=np.int64)
 
 
 def _fixed(scenario: Scenario, split: str) -> Split:

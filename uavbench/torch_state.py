@@ -2,10 +2,14 @@
 
 import importlib
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from uavbench.scenario import Scenario
+from uavbench.weights import WeightsError
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -25,6 +29,21 @@ def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
     for k, moments in optimizer.state_dict()["state"].items():
         arrays |= {f"optimizer.{k}.{part}": tensor.numpy() for part, tensor in moments.items()}
     return arrays
+
+
+def unpack_network(arrays: Mapping[str, NDArray[Any]], network: Any, path: Path, scenario: Scenario) -> None:
+    """Set a network made for a scenario to the arrays of the weights' file ``path``.
+
+    Raises
+    ------
+    WeightsError
+        When they are of another network: the message names the file and what differs.
+    """
+    torch: Any = importlib.import_module("torch")
+    try:
+        network.load_state_dict({name: torch.from_numpy(np.array(array)) for name, array in arrays.items()})
+    except RuntimeError as error:
+        raise WeightsError(f"{path}: does not fit {scenario.id}, or is of another agent: {error}") from None
 
 
 def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], optimizer: Any) -> None:
