@@ -26,7 +26,7 @@ Cell = tuple[int, int]
 _ROUNDING = 1e-6  # far more than floating point loses in a bound, far less than the 1 between two values
 _SAVING = 0.01  # what a move not made is worth, so that rounds make progress while everything could still be covered
 _VIOLATION = 0.1  # by how much a cut must fall short
-_NESTED = 3  # pairs of cuts a group asks for in a round, one around the other: more make the program slow, fewer the rounds many
+_NESTED = 3  # pairs of cuts, one around the other, that a group asks for in a round
 _MEMORY, _SMOOTHING = 0.5, 0.9  # of the mean of the LP's solutions: in each round, and where cuts are sought
 _TRUST = 0.8  # cuts are sought at so much of that and the rest of the plan: they are deeper there
 
