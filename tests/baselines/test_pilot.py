@@ -50,7 +50,7 @@ def test_training_that_is_interrupted_ends_as_if_it_had_not_been(tmp_path):
     whole = train(training, tmp_path / "whole")
     train(training, tmp_path / "parts", seconds=0.0)
     parts = train(training, tmp_path / "parts", resume=True)
-    ours, theirs = (PILOT.load(path).state_dict() for path in (whole, parts))
+    ours, theirs = (PILOT.load(path, scenario).state_dict() for path in (whole, parts))
     assert all(torch.equal(ours[name], theirs[name]) for name in ours)
 
 
