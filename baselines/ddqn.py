@@ -93,7 +93,7 @@ class Config:
 CONFIGS = {
     "paper": Config(updates=2_000_000, validation=20_000),
     "fast": Config(
-        updates=40_000,
+        updates=30_000,
         environments=128,
         batch=64,
         segment=8,
