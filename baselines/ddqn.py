@@ -45,12 +45,10 @@ class Config:
         The paper's γ, τ and softmax temperature; the last is in units of the scaled reward.
     reward_scale, budget_scale : float
         What rewards, and the budget as an input, are multiplied with.
-    rate, last_rate : float
-        Learning rate, and what share of it is left at the end: it falls by a cosine, after ``flat`` of the updates.
+    rate, last_rate, flat : float
+        Learning rate, and what share of it is left at the end: it falls by a cosine, after the share ``flat`` of the updates.
     warmup : int
         Updates in which the learning rate rises from 0.
-    flat : float
-        Share of the updates.
     amsgrad : bool
         Adam's variant.
     huber, clip : float
@@ -215,8 +213,7 @@ class Replay:
         environment = random.integers(self.arrays["done"].shape[1], size=batch)
         time = (self.written - 1 - back + np.arange(segment + 1)[:, None]) % self.length
         picked = {name: values[time, environment] for name, values in self.arrays.items()}
-        observation = self._observe(picked)
-        return observation, *(picked[name][:-1] for name in ("action", "reward", "done"))
+        return self._observe(picked), *(picked[name][:-1] for name in ("action", "reward", "done"))
 
     def _observe(self, picked):
         """Return the observations of states, time first, as one batch."""
@@ -274,8 +271,6 @@ class Learner:
         self._act()
         return self._learn()
 
-    # Acting.
-
     def _begin(self, index):
         """Start the next episodes of the train split in the slots ``index``, a share of them anywhere."""
         self._simulator.reset(index, "train", train_numbers(self.seed, self._started, len(index)))
@@ -312,8 +307,6 @@ class Learner:
         if len(over):
             self._begin(over)
 
-    # Learning.
-
     def _learn(self):
         """Make one update."""
         config = self.config
@@ -327,10 +320,9 @@ class Learner:
             bootstraps = onward.gather(1, best).reshape(-1, config.batch).numpy()
         targets = torch.from_numpy(self._returns(rewards, ends, bootstraps).reshape(-1))
         chosen = values.gather(1, torch.from_numpy(actions.reshape(-1, 1)))[:, 0]
-        if config.huber:
-            loss = nn.functional.huber_loss(chosen, targets, delta=config.huber)
-        else:
-            loss = nn.functional.mse_loss(chosen, targets)
+        loss = (
+            nn.functional.huber_loss(chosen, targets, delta=config.huber) if config.huber else (chosen - targets).pow(2).mean()
+        )
         self._optimizer.zero_grad()
         loss.backward()
         if config.clip:
@@ -360,8 +352,6 @@ class Learner:
         late = max(0.0, (self.updates / config.updates - config.flat) / max(1 - config.flat, 1e-9))
         return warm * (config.last_rate + (1 - config.last_rate) * (1 + math.cos(math.pi * min(late, 1.0))) / 2)
 
-    # Interrupting.
-
     def weights(self):
         """Return what the agent needs."""
         arrays = {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
@@ -372,8 +362,7 @@ class Learner:
         arrays = pack({"network": self.network, "target": self._target}, self._optimizer)
         arrays |= {f"replay.{name}": array for name, array in self._replay.arrays.items()}
         arrays |= {f"simulator.{name}": array for name, array in self._simulator.snapshot().items()}
-        counters = [self.updates, self._rounds, self._started, self._replay.written]
-        return {**arrays, "counters": np.array(counters)}
+        return {**arrays, "counters": np.array([self.updates, self._rounds, self._started, self._replay.written])}
 
     def resume(self, arrays):
         """Go on from a `snapshot` of a learner of the same scenario, configuration and seed."""
