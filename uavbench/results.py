@@ -75,7 +75,7 @@ class Result:
         try:
             # Python's float() reads back to the last bit what was written; pandas' own parser need not.
             table = pd.read_csv(path, converters=dict.fromkeys(("cr", "cral", "return"), float))
-            return table.astype({name: int for name in COLUMNS if name not in ("cr", "cral", "return")})
+            return table[list(COLUMNS)].astype({name: int for name in COLUMNS if name not in ("cr", "cral", "return")})
         except (OSError, KeyError, ValueError) as error:
             raise ResultError(f"{path}: damaged: {error}") from None
 
@@ -90,7 +90,10 @@ class Result:
         path = self.folder / "actions.npz"
         try:
             table = unpack_arrays(path.read_bytes())
-            actions, offsets = table["actions"].astype(np.uint8, casting="equiv"), table["offsets"].astype(np.int64)
+            actions, offsets = (
+                table["actions"].astype(np.uint8, casting="equiv"),
+                table["offsets"].astype(np.int64, casting="same_kind"),
+            )
             if offsets[0] != 0 or offsets[-1] != len(actions) or (np.diff(offsets) < 0).any():
                 raise ValueError("its offsets do not cut the actions into episodes")
             parts = np.split(actions, offsets[1:-1])

@@ -43,23 +43,23 @@ def submission_folders(folder: Path) -> list[Path]:
 def verify(
     folders: Sequence[Path],
     workers: int = 1,
-    on_checked: Callable[[str | None], None] = lambda refusal: None,
+    on_checked: Callable[[Path], None] = lambda folder: None,
 ) -> tuple[list[Submission], list[str]]:
     """Read and replay submissions; return those that hold, and why the others are refused, a line each."""
     held: list[Submission] = []
     refused: list[str] = []
     parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator")
     look: Any = cast("Any", joblib).delayed(_look)
-    for found in parallel(look(folder) for folder in folders):
+    for folder, found in zip(folders, parallel(look(folder) for folder in folders), strict=True):
         if isinstance(found, Submission):
             held.append(found)
         else:
             refused.append(found)
-        on_checked(None if isinstance(found, Submission) else found)
+        on_checked(folder)
     return held, refused
 
 
-def build(submissions: Path, workers: int = 1, on_checked: Callable[[str | None], None] = lambda refusal: None) -> Board:
+def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None] = lambda folder: None) -> Board:
     """Replay all submissions, then write ``leaderboard.csv`` and ``index.html`` beside their folder.
 
     Raises

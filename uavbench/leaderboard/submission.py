@@ -10,7 +10,7 @@ import re
 import shutil
 import tempfile
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -150,6 +150,7 @@ def submit(
     link: str = "",
     training: str = "",
     hardware: str = "",
+    on_checked: Callable[[Path], None] = lambda folder: None,
 ) -> list[Path]:
     """Make a submission of each result; all are replayed first, and nothing is written if one is refused.
 
@@ -169,6 +170,7 @@ def submit(
         made = [_write(result, told, Path(staging)) for result in results]
         for new in made:
             check(load_submission(new))
+            on_checked(new)
         folders = [submissions / new.relative_to(staging) for new in made]
         for new, folder in zip(made, folders, strict=True):
             folder.parent.mkdir(exist_ok=True)
