@@ -25,7 +25,7 @@ def results(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def _made(results, tmp_path_factory):
+def made(results, tmp_path_factory):
     folder = tmp_path_factory.mktemp("board") / "submissions"
     for agent, flown in results.items():
         submit(flown, folder, name=agent, authors=["A. Author", "B. Author"], hardware="a machine")
@@ -33,9 +33,9 @@ def _made(results, tmp_path_factory):
 
 
 @pytest.fixture
-def submissions(_made, tmp_path):
+def submissions(made, tmp_path):
     """A copy of the submissions, to spoil."""
-    return shutil.copytree(_made, tmp_path / "board" / "submissions")
+    return shutil.copytree(made, tmp_path / "board" / "submissions")
 
 
 @pytest.fixture(scope="session")

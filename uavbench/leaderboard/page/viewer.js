@@ -91,6 +91,16 @@ const Viewer = (() => {
     go(0);
   }
 
+  // CR and whether all landed, of every flight that can be watched: for tests.
+  async function replayAll(agent, id) {
+    const [where, { offsets, actions, episodes }] = await Promise.all([scenario(id), flight(`${agent}/${id}`)]);
+    return Array.from({ length: episodes }, (_, episode) => {
+      const taken = actions.subarray(offsets[episode] * where.uavs, offsets[episode + 1] * where.uavs);
+      const { cr, landed } = World.fly(where, where.episodes, episode, taken);
+      return [cr, landed];
+    });
+  }
+
   function go(to) {
     time = Math.max(0, Math.min(Number(find("time").max), to));
     find("time").value = time;
@@ -284,5 +294,5 @@ const Viewer = (() => {
   for (const button of document.querySelectorAll("[data-pick]")) button.addEventListener("click", () => pick(button.dataset.pick));
   document.addEventListener("keydown", key);
 
-  return { open, draw };
+  return { open, draw, replayAll };
 })();
