@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from uavbench.commands import leaderboard
+from uavbench.commands import leaderboard, pictures
 from uavbench.commands.shared import ResultFolder, fail
 
 app = typer.Typer(
@@ -284,3 +284,11 @@ app.command(
     epilog="\b\nExample:\n  uavbench submit results/*/my_agent --name 'My agent' --authors 'A. Author' --authors 'B. Author'"
 )(leaderboard.submit)
 app.add_typer(leaderboard.app, name="leaderboard")
+app.command(epilog="\b\nExample:\n  uavbench plot results/Manhattan32-CPP-v0/my_agent --episode 17 --out flight.pdf")(
+    pictures.plot
+)
+app.command(epilog="\b\nExample:\n  uavbench film results/Manhattan32-CPP-v0/my_agent --episode 17 --out flight.gif")(
+    pictures.film
+)
+app.command(epilog="\b\nExample:\n  uavbench play Block8-DH-v0")(pictures.play)
+app.command(epilog="\b\nExample:\n  uavbench report results/Manhattan32-CPP-v0/* --out report")(pictures.report)

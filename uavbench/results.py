@@ -19,6 +19,7 @@ from uavbench.evaluate import EpisodeRecord, Job
 from uavbench.files import pack_arrays, unpack_arrays
 from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
 from uavbench.resources import scenario_paths
+from uavbench.scenario import Scenario, load_scenario
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,6 +61,11 @@ class Result:
     def metrics(self) -> dict[str, Interval]:
         """Landed, CR and CRAL with their intervals."""
         return {name: Interval(**self.summary["metrics"][name]) for name in METRICS}
+
+    @property
+    def scenario(self) -> Scenario:
+        """Its scenario: one that is shipped, or a user's own, where it was."""
+        return load_scenario(self.summary.get("scenario_file") or self.summary["scenario"])
 
     def episodes(self) -> "pd.DataFrame":
         """Return ``episodes.csv`` as a table.
