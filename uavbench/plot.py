@@ -61,7 +61,7 @@ def draw(scene: Scene, scenario: Scenario) -> Figure:
         title=scene.title, xticks=range(0, cols, 5), yticks=range(0, rows, 5), xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5)
     )
     axes.tick_params(labelsize=6)
-    figure.legend(handles=_legend(scenario), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
+    figure.legend(handles=legend(scenario), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
     return figure
 
 
@@ -71,7 +71,7 @@ def _marks(axes: Any, cells: Sequence[shown.Cell], colours: Sequence[Colour], ma
         axes.scatter(c, r, s=area * 32 / rows, marker=marker, c=[_hex(colour) for colour in colours], linewidths=1.1, zorder=5)
 
 
-def _legend(scenario: Scenario) -> list[Any]:
+def legend(scenario: Scenario) -> list[Any]:
     """Return the entries of the paper's Table II that the mission has."""
     city = shown.city_colours(("".join((LANDING, NO_FLY, BUILDING)),))[0].tolist()
     coverage = scenario.mission.kind == "coverage"
