@@ -1,6 +1,7 @@
 """How fast are pictures? Frames per second of ``render_mode="rgb_array"`` on one thread, beside copying the same bytes.
 
-Usage: python benchmarks/pictures.py [--rounds 20]. Prints Markdown. Rounds of drawing and copying alternate, and the best of each counts.
+Usage: python benchmarks/pictures.py [--rounds 20]. Prints Markdown. Rounds of drawing and copying alternate, and
+the best of each counts.
 """
 
 import argparse

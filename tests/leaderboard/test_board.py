@@ -85,6 +85,13 @@ def test_no_submissions_are_an_error_and_leave_what_was_there(tmp_path):
     assert (tmp_path / "leaderboard.csv").read_text() == "old"
 
 
+def test_one_agents_folder_is_no_board(submissions):
+    for folder in (submissions / "greedy", submissions / "greedy" / "Block8-CPP-v0"):
+        with pytest.raises(SubmissionError, match="the folder of all"):
+            build(folder)
+    assert not (submissions / "leaderboard.csv").exists()
+
+
 def test_workers_find_the_same(submissions):
     spoil(submissions / "greedy" / "Block8-DH-v0")
     folders = submission_folders(submissions)

@@ -65,9 +65,11 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     Raises
     ------
     SubmissionError
-        When there are no submissions. What was there stays then.
+        When there are no submissions, or only one agent's folder is given. What was there stays then.
     """
     folder = submissions.resolve().parent
+    if any((path / MANIFEST).is_file() for path in (submissions, *submissions.glob("*"))):
+        raise SubmissionError(f"{submissions}: one agent's submissions: give the folder of all, in which it is")
     held, refused = verify(submission_folders(submissions), workers, on_checked)
     reruns = load_reruns(folder / "reruns.csv")
     entries = [Entry(submission, reruns.get(submission.label)) for submission in held]

@@ -4,6 +4,7 @@ Beside ``episodes.csv`` and ``actions.npz`` of the result is ``manifest.toml``: 
 ``summary.json`` said. Whatever is in such a folder may come from anybody, and is read accordingly.
 """
 
+import math
 import os
 import platform
 import re
@@ -18,6 +19,7 @@ from typing import Annotated, Any
 import tomli_w
 from pydantic import Field, ValidationError, field_validator
 
+from uavbench.agent import TRACKS
 from uavbench.parameters import Record
 from uavbench.replay import replay
 from uavbench.resources import scenario_paths
@@ -119,8 +121,12 @@ def load_submission(folder: Path) -> Submission:
     for field, (found, expected) in said.items():
         if found != expected:
             raise SubmissionError(f"{label}: {MANIFEST}: {field}: {found}, expected {expected}")
-    if manifest.result["track"] not in ("observation", "state"):
-        raise SubmissionError(f"{label}: {MANIFEST}: result.track: neither observation nor state")
+    if manifest.result["track"] not in TRACKS:
+        raise SubmissionError(
+            f"{label}: {MANIFEST}: result.track: {manifest.result['track']!r} is not one of {', '.join(TRACKS)}"
+        )
+    if not 0 < manifest.result["decisions_per_second"] < math.inf:
+        raise SubmissionError(f"{label}: {MANIFEST}: result.decisions_per_second: not a number above 0")
     return Submission(folder, manifest, result, scenario)
 
 
