@@ -118,6 +118,12 @@ def test_the_stratified_interval_is_that_of_independent_means():
     assert (ours.high + ours.low) / 2 == pytest.approx(ours.mean, abs=0.1 * error)
 
 
+def test_sets_of_episodes_are_resampled_independently():
+    values = np.random.default_rng(4).random(500)
+    alone, twice = stratified_interval([values]), stratified_interval([values, values])
+    assert (twice.high - twice.low) * math.sqrt(2) == pytest.approx(alone.high - alone.low, rel=0.05)
+
+
 def test_p_values_are_those_of_the_paired_t_test_for_many_episodes():
     stats = pytest.importorskip("scipy.stats", reason="SciPy is the oracle")
     random = np.random.default_rng(5)
