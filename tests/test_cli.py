@@ -170,7 +170,8 @@ def test_ctrl_c_keeps_what_was_finished(tmp_path, workers, act):
         f"        if len(i) < 150 if batch else i['episode'] == 60: open({str(under_way)!r}, 'w').close()\n"
         "        time.sleep(0.2 if batch else 0.001); return [4] * len(i) if batch else 4\n"
     )
-    words = [sys.executable, "-c", "from uavbench.cli import app; app()", "evaluate", "--agent", str(agent)]
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a job in the background ignores it
+    words = [sys.executable, "-c", f"{heard}; from uavbench.cli import app; app()", "evaluate", "--agent", str(agent)]
     words += ["--scenario", "Block8-CPP-v0", "--workers", str(workers), "--out", str(tmp_path)]
     process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     for _ in range(1200):
