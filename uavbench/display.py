@@ -102,9 +102,9 @@ def gaps_text(gaps: Gaps) -> str:
             points = f"{100 * gap.mean:.1f} {_bounds(gap)}"
             lines.append(f"gap to {label:11}{points} points of CRAL, over {count:,} episodes")
     if gaps.optimal:
-        lines.append(f"proved optimal on {gaps.optimal:,} episodes")
+        lines.append(f"proved optimal on {_count(gaps.optimal)}")
     if gaps.better:
-        lines.append(f"better than the best known on {gaps.better:,} episodes: uavbench bound --result records it")
+        lines.append(f"better than the best known on {_count(gaps.better)}: uavbench bound --result records it")
     return "\n".join(lines)
 
 
@@ -123,6 +123,10 @@ def reference_table(scenario: Scenario, reference: Reference) -> Group:
     optimal = sum(k.proved_optimal for k in known)
     title = f"{scenario.id}, test episodes" + (f", {optimal:,} proved optimal" if scenario.mission.exact else "")
     return Group(Text(title, style="bold"), table)
+
+
+def _count(episodes: int) -> str:
+    return f"{episodes:,} episode{'s' if episodes != 1 else ''}"
 
 
 def _bounds(interval: Interval, sign: str = "") -> str:
