@@ -82,7 +82,7 @@ class Result:
             # Python's float() reads back to the last bit what was written; pandas' own parser need not.
             table = pd.read_csv(path, converters=dict.fromkeys(("cr", "cral", "return"), float))
             return table[list(COLUMNS)].astype({name: int for name in COLUMNS if name not in ("cr", "cral", "return")})
-        except (OSError, KeyError, ValueError) as error:
+        except (OSError, KeyError, ValueError, OverflowError) as error:
             raise ResultError(f"{path}: damaged: {error}") from None
 
     def actions(self) -> dict[int, NDArray[np.uint8]]:

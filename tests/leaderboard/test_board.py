@@ -85,6 +85,15 @@ def test_no_submissions_are_an_error_and_leave_what_was_there(tmp_path):
     assert (tmp_path / "leaderboard.csv").read_text() == "old"
 
 
+def test_whatever_one_submission_breaks_the_others_are_built(submissions):
+    manifest = submissions / "greedy" / "Block8-DH-v0" / "manifest.toml"
+    manifest.write_text("a = " + "[" * 20_000, encoding="utf-8")
+    board = build(submissions)
+    assert len(board.refused) == 1
+    assert board.refused[0].startswith("greedy/Block8-DH-v0: ")
+    assert {row["name"] for row in rows(submissions.parent)} >= {"greedy", "random"}
+
+
 def test_one_agents_folder_is_no_board(submissions):
     for folder in (submissions / "greedy", submissions / "greedy" / "Block8-CPP-v0"):
         with pytest.raises(SubmissionError, match="the folder of all"):

@@ -146,6 +146,7 @@ def test_a_manifest_that_is_no_toml_is_refused(submissions):
         (",1,", ",0,", "uavs is 1"),
         ("\n17,", "\n18,", "hold the episodes"),
         ("cral", "CRAL", "damaged"),
+        ("\n17,1,", f"\n17,{10**30},", "damaged"),
     ],
 )
 def test_an_edited_table_is_refused(submissions, old, new, reason):

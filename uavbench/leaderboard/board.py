@@ -86,4 +86,6 @@ def _look(folder: Path) -> Submission | str:
         check(submission)
     except SubmissionError as error:
         return " ".join(str(error).split())
+    except Exception as error:  # whatever one submission breaks, the others are built
+        return " ".join(f"{folder.parent.name}/{folder.name}: cannot be read: {type(error).__name__}: {error}".split())[:500]
     return submission
