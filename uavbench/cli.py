@@ -1,10 +1,12 @@
 """The commands. No logic is in them: each loads, calls one function of the library, and prints."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from uavbench.commands import leaderboard, learning, pictures
+from uavbench.commands.shared import ResultFolder, fail
 
 app = typer.Typer(
     epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
@@ -13,14 +15,6 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-_ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote: OUT/<scenario>/<agent>.")]
-
-
-def _fail(error: BaseException | str, code: int = 2) -> typer.Exit:
-    """Print what is wrong, and return the exit with ``code``."""
-    print(f"uavbench: {error}", file=sys.stderr)  # noqa: T201
-    return typer.Exit(code)
 
 
 def _version(wanted: bool) -> None:
@@ -63,7 +57,7 @@ def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .
     try:
         Console(highlight=False, soft_wrap=True).print(scenario_text(load_scenario(scenario)))
     except ScenarioError as error:
-        raise _fail(error) from None
+        raise fail(error) from None
 
 
 @app.command(epilog="\\b\\nExample:\\n  uavbench new my_agent.py")
@@ -74,7 +68,7 @@ def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> Non
     try:
         write_template(path)
     except AgentLoadError as error:
-        raise _fail(error) from None
+        raise fail(error) from None
     typer.echo(f"wrote {path}; next:  uavbench check {path}")
 
 
@@ -96,7 +90,7 @@ def check(
     try:
         checked = check_agent(find_agent(agent), scenario or SCENARIOS)
     except (AgentLoadError, ScenarioError) as error:
-        raise _fail(error, 1) from None
+        raise fail(error, 1) from None
     scores = ", ".join(f"CRAL {100 * cral:.0f} % on {name}" for name, cral in checked.cral.items())
     typer.echo(f"{agent} keeps the contract: {checked.decisions_per_second:,.0f} decisions/s, {scores}")
 
@@ -168,93 +162,18 @@ def evaluate(
                 soft_wrap=True,
             )
     except (AgentLoadError, ScenarioError, ResultError) as error:
-        raise _fail(error) from None
+        raise fail(error) from None
     except AgentError as error:
-        raise _fail(
+        raise fail(
             f"{error}\nfinished episodes are kept in {out}; --resume goes on, if the agent's file is unchanged", 1
         ) from None
     except KeyboardInterrupt:
-        raise _fail(f"interrupted; finished episodes are kept in {out}; --resume goes on", 1) from None
-
-
-@app.command(
-    epilog="\b\nExamples:\n  uavbench train ddqn --scenario Manhattan32-CPP-v0\n"
-    "  uavbench train ddqn --scenario Urban50-DH-v0 --config my_config.toml --seed 1 --resume\n"
-    "  uavbench evaluate --agent runs/Manhattan32-CPP-v0/ddqn-fast-0.safetensors"
-)
-def train(
-    agent: Annotated[str, typer.Argument(help="A built-in that learns, or path.py with a Learner.")],
-    scenario: Annotated[str, typer.Option(help="An id, or the path of a .toml file.")] = "Manhattan32-CPP-v0",
-    config: Annotated[
-        str, typer.Option(help="One of the agent's own (ddqn: paper, fast), or a .toml file of what differs.")
-    ] = "fast",
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another training.")] = 0,
-    out: Annotated[Path, typer.Option(help="Where weights, checkpoints and curves go.")] = Path("runs"),
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
-    threads: Annotated[int, typer.Option(min=1, help="Of the network's arithmetic.")] = 1,
-) -> None:
-    """Train a learned agent.
-
-    Writes the weights that score best on validation episodes, a checkpoint every few minutes, and curves for TensorBoard.
-    """
-    from rich.console import Console
-
-    from uavbench import ScenarioError, load_scenario
-    from uavbench.agent import AgentLoadError, find_agent
-    from uavbench.display import training_progress
-    from uavbench.train import TrainError, Training, read_config
-    from uavbench.train import train as train_agent
-    from uavbench.weights import WeightsError
-
-    console = Console()
-    try:
-        source = find_agent(agent)
-        training = Training(source, load_scenario(scenario), *read_config(source, config), seed)
-        with training_progress(console, f"{training.label} on {training.scenario.id}") as progress:
-            kept = train_agent(
-                training,
-                out,
-                resume=resume,
-                threads=threads,
-                on_start=progress.show,
-                on_update=progress.advance,
-                on_point=progress.add_point,
-            )
-        console.print(f"next:  uavbench evaluate --agent {kept} --scenario {scenario}", highlight=False, soft_wrap=True)
-    except (AgentLoadError, ScenarioError, TrainError, WeightsError) as error:
-        raise _fail(error) from None
-    except KeyboardInterrupt:
-        raise _fail(f"interrupted; the checkpoint is in {out}, and --resume goes on", 1) from None
-
-
-@app.command(
-    epilog="\b\nExamples:\n  uavbench export ddqn model.onnx --scenario Manhattan32-CPP-v0\n"
-    "  uavbench evaluate --agent model.onnx"
-)
-def export(
-    agent: Annotated[str, typer.Argument(help="A built-in that has learned, or a .safetensors file.")],
-    path: Annotated[Path, typer.Argument(help="The model to write, model.onnx.")],
-    scenario: Annotated[str, typer.Option(help="Whose observations it is to take.")] = "Manhattan32-CPP-v0",
-) -> None:
-    """Write a learned agent as an ONNX model.
-
-    It can be scored without the agent's code: --agent model.onnx.
-    """
-    from uavbench import ScenarioError, load_scenario
-    from uavbench.agent import AgentLoadError, find_agent
-    from uavbench.export import ExportError
-    from uavbench.export import export as export_agent
-
-    try:
-        export_agent(find_agent(agent), load_scenario(scenario), path)
-    except (AgentLoadError, ScenarioError, ExportError, ValueError) as error:
-        raise _fail(error) from None
-    typer.echo(f"wrote {path}; next:  uavbench evaluate --agent {path} --scenario {scenario}")
+        raise fail(f"interrupted; finished episodes are kept in {out}; --resume goes on", 1) from None
 
 
 @app.command(epilog="\\b\\nExample:\\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
 def replay(
-    folder: _ResultFolder,
+    folder: ResultFolder,
     scenario: Annotated[str | None, typer.Option(help="The .toml file of a scenario of your own, if it has moved.")] = None,
 ) -> None:
     """Simulate a result again from its actions.
@@ -269,15 +188,15 @@ def replay(
         result = load_result(folder)
         wrong = replay_result(result, scenario)
     except (ResultError, ScenarioError) as error:
-        raise _fail(error) from None
+        raise fail(error) from None
     if wrong:
         more = f"\n… and {len(wrong) - 10} more" if len(wrong) > 10 else ""
-        raise _fail(f"{folder} is not reproduced:\n" + "\n".join(wrong[:10]) + more, 1)
+        raise fail(f"{folder} is not reproduced:\n" + "\n".join(wrong[:10]) + more, 1)
     typer.echo(f"{folder}: all {result.summary['episodes']} episodes reproduced, every number")
 
 
 @app.command(epilog="\\b\\nExample:\\n  uavbench compare results/Manhattan32-CPP-v0/greedy results/Manhattan32-CPP-v0/random")
-def compare(first: _ResultFolder, second: _ResultFolder) -> None:
+def compare(first: ResultFolder, second: ResultFolder) -> None:
     """Compare two agents on the same episodes.
 
     Prints paired differences and the probability that the first is better, with their intervals.
@@ -292,7 +211,7 @@ def compare(first: _ResultFolder, second: _ResultFolder) -> None:
         a, b = load_result(first), load_result(second)
         Console().print(comparison_table(a, b, compare_results(a, b)))
     except ResultError as error:
-        raise _fail(error) from None
+        raise fail(error) from None
 
 
 @app.command(
@@ -339,9 +258,9 @@ def bound(
         console.print(reference_table(loaded, known))
         console.print(str(out / f"{loaded.id}.csv"), highlight=False, soft_wrap=True)
     except (ScenarioError, ResultError, ImportError) as error:
-        raise _fail(error) from None
+        raise fail(error) from None
     except KeyboardInterrupt:
-        raise _fail(f"interrupted; what is done is kept in {out}, and the same command goes on", 1) from None
+        raise fail(f"interrupted; what is done is kept in {out}, and the same command goes on", 1) from None
 
 
 @app.command(epilog="\\b\\nExample:\\n  uavbench freeze my_city.toml")
@@ -357,5 +276,28 @@ def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml fi
         loaded = load_scenario(scenario)
         lines = freeze_scenario(loaded)
     except ScenarioError as error:
-        raise _fail(error) from None
+        raise fail(error) from None
     typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")
+
+
+app.command(
+    epilog="\b\nExamples:\n  uavbench train ddqn --scenario Manhattan32-CPP-v0\n"
+    "  uavbench train ddqn --scenario Urban50-DH-v0 --config my_config.toml --seed 1 --resume\n"
+    "  uavbench evaluate --agent runs/Manhattan32-CPP-v0/ddqn-fast-0.safetensors"
+)(learning.train)
+app.command(
+    epilog="\b\nExamples:\n  uavbench export ddqn model.onnx --scenario Manhattan32-CPP-v0\n"
+    "  uavbench evaluate --agent model.onnx"
+)(learning.export)
+app.command(
+    epilog="\b\nExample:\n  uavbench submit results/*/my_agent --name 'My agent' --authors 'A. Author' --authors 'B. Author'"
+)(leaderboard.submit)
+app.add_typer(leaderboard.app, name="leaderboard")
+app.command(epilog="\b\nExample:\n  uavbench plot results/Manhattan32-CPP-v0/my_agent --episode 17 --out flight.pdf")(
+    pictures.plot
+)
+app.command(epilog="\b\nExample:\n  uavbench film results/Manhattan32-CPP-v0/my_agent --episode 17 --out flight.gif")(
+    pictures.film
+)
+app.command(epilog="\b\nExample:\n  uavbench play Block8-DH-v0")(pictures.play)
+app.command(epilog="\b\nExample:\n  uavbench report results/Manhattan32-CPP-v0/* --out report")(pictures.report)

@@ -1,8 +1,8 @@
 """What the commands print: tables, maps and the progress bar."""
 
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from rich.console import Console, Group
@@ -15,6 +15,9 @@ from uavbench.reference import Gaps, Reference
 from uavbench.results import Result
 from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
 from uavbench.train import Point
+
+if TYPE_CHECKING:
+    from uavbench.leaderboard.ranking import Row
 
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 _STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
@@ -100,9 +103,9 @@ def gaps_text(gaps: Gaps) -> str:
             points = f"{100 * gap.mean:.1f} {_bounds(gap)}"
             lines.append(f"gap to {label:11}{points} points of CRAL, over {count:,} episodes")
     if gaps.optimal:
-        lines.append(f"proved optimal on {gaps.optimal:,} episodes")
+        lines.append(f"proved optimal on {_count(gaps.optimal)}")
     if gaps.better:
-        lines.append(f"better than the best known on {gaps.better:,} episodes: uavbench bound --result records it")
+        lines.append(f"better than the best known on {_count(gaps.better)}: uavbench bound --result records it")
     return "\n".join(lines)
 
 
@@ -123,8 +126,38 @@ def reference_table(scenario: Scenario, reference: Reference) -> Group:
     return Group(Text(title, style="bold"), table)
 
 
+def _count(episodes: int) -> str:
+    return f"{episodes:,} episode{'s' if episodes != 1 else ''}"
+
+
 def _bounds(interval: Interval, sign: str = "") -> str:
     return f"[{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
+
+
+def leaderboard_table(rows: "Iterable[Row]") -> Table:
+    """Return what `uavbench leaderboard build` prints: the scores, in per cent."""
+    table = Table(header_style="bold")
+    for column in ("scenario", "track", "rank", "agent", "Landed", "CR", "CRAL", "95 % CI", "tier"):
+        table.add_column(column, justify="left" if column in ("scenario", "track", "agent", "tier") else "right")
+    last = ""
+    for row in rows:
+        scores = [f"{100 * interval.mean:.1f}" for interval in (row.landed, row.cr, row.cral)]
+        interval = "" if row.rank is None else _bounds(row.cral)
+        if last and row.scenario != last:
+            table.add_section()
+        last = row.scenario
+        table.add_row(row.scenario, row.track, str(row.rank or "–"), row.name, *scores, interval, row.tier)
+    return table
+
+
+@contextmanager
+def working(console: Console, label: str, total: int) -> Generator[Callable[[object], None]]:
+    """Show the progress of a few long pieces of work, each of which calls what is given when it is done."""
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+    ) as progress:
+        task = progress.add_task(label, total=total)
+        yield lambda _: progress.advance(task)
 
 
 class EpisodesProgress:

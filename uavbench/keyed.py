@@ -122,3 +122,6 @@ _TAIL = (
     (5.46378491116411436990e0, 5.99832206555887937690e-1),
     (6.65790464350110377720e0, 1.0),
 )
+
+#: The coefficients of `normal_quantile`, for those who compute it elsewhere.
+QUANTILE = {"centre": _CENTRE, "shoulder": _SHOULDER, "tail": _TAIL}

@@ -5,6 +5,7 @@ percentile bootstrap. Resampling is keyed, so that the same episodes give the sa
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import NormalDist
 
@@ -38,17 +39,61 @@ def proportion_interval(successes: NDArray[np.bool_], confidence: float = CONFID
 
 def mean_interval(values: NDArray[np.float64], confidence: float = CONFIDENCE) -> Interval:
     """Return the mean with its percentile-bootstrap interval (Efron 1979; 10,000 resamples)."""
+    return stratified_interval([values], confidence)
+
+
+def stratified_interval(strata: Sequence[NDArray[np.float64]], confidence: float = CONFIDENCE) -> Interval:
+    """Return the mean of the means of several sets of episodes, each resampled on its own, with its interval."""
+    means = np.mean([_resampled_means(values, seed) for seed, values in enumerate(strata)], axis=0)
+    tail = (1 - confidence) / 2
+    low, high = np.quantile(means, (tail, 1 - tail))
+    return Interval(float(np.mean([np.mean(values) for values in strata])), float(low), float(high))
+
+
+def _resampled_means(values: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
+    """Return the means of 10,000 samples of ``values`` with replacement."""
     n = len(values)
-    bits = np.random.PCG64(0)  # raw bits: NumPy promises their stream, but not that of its distributions
+    bits = np.random.PCG64(seed)  # raw bits: NumPy promises their stream, but not that of its distributions
     means = np.empty(_RESAMPLES)
     size = max(1, _CHUNK // n)
     for k in range(0, _RESAMPLES, size):
         raw = bits.random_raw(min(size, _RESAMPLES - k) * n)
         picks = ((raw >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)
         means[k : k + size] = values[picks.reshape(-1, n)].mean(axis=1)
-    tail = (1 - confidence) / 2
-    low, high = np.quantile(means, (tail, 1 - tail))
-    return Interval(float(np.mean(values)), float(low), float(high))
+    return means
+
+
+def interquartile_mean(values: NDArray[np.float64]) -> float:
+    """Return the mean of the middle half of all values (Agarwal et al., NeurIPS 2021)."""
+    ordered = np.sort(values, axis=None)
+    cut = len(ordered) // 4
+    return float(ordered[cut : len(ordered) - cut].mean())
+
+
+def paired_p_value(strata: Sequence[NDArray[np.float64]]) -> float:
+    """Return how likely so large a mean of paired differences is by chance: two-sided, by the normal distribution.
+
+    Parameters
+    ----------
+    strata : sequence of ndarray
+        Differences on the same episodes, a scenario each; the mean of their means is tested. Some hundred of them are
+        enough for the central limit theorem.
+    """
+    mean = math.fsum(float(values.mean()) for values in strata)
+    variance = math.fsum(float(values.var(ddof=1)) / len(values) for values in strata)
+    if variance == 0.0:
+        return 1.0 if mean == 0.0 else 0.0
+    return math.erfc(abs(mean) / math.sqrt(2 * variance))
+
+
+def significant(p_values: Sequence[float], level: float = 1 - CONFIDENCE) -> list[bool]:
+    """Return which of several tests are significant together (Holm 1979)."""
+    found = [False] * len(p_values)
+    for rank, k in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
+        if p_values[k] > level / (len(p_values) - rank):
+            break
+        found[k] = True
+    return found
 
 
 def summarise(landed: NDArray[np.bool_], cr: NDArray[np.float64], cral: NDArray[np.float64]) -> dict[str, Interval]:

@@ -14,7 +14,7 @@ from uavbench.files import write_whole
 from uavbench.metrics import Interval, mean_interval
 from uavbench.replay import replay
 from uavbench.results import Result, ResultError
-from uavbench.scenario import Scenario, load_scenario
+from uavbench.scenario import Scenario
 
 #: The split that is bounded.
 SPLIT = "test"
@@ -188,7 +188,7 @@ def gaps(result: Result) -> Gaps | None:
     """
     if result.summary["split"] != SPLIT:
         return None
-    scenario = load_scenario(result.summary.get("scenario_file") or result.summary["scenario"])
+    scenario = result.scenario
     known = load_reference(reference_path(scenario), scenario)
     table = result.episodes()
     rows = [(known[number], cral) for number, cral in zip(table["episode"], table["cral"], strict=True) if number in known]

@@ -1,89 +1,119 @@
 """Pictures of a running episode: frames for ``rgb_array`` and text for ``ansi``; both work headless."""
 
-from collections.abc import Sequence
-from itertools import pairwise
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY
+from uavbench.scene import Colour, Scene, scene_of
 from uavbench.simulator import Simulator
+from uavbench.trail import Cell, Trail
 
-_COLOURS = {
-    FREE: (255, 255, 255),
-    LANDING: (150, 178, 228),
-    NO_FLY: (244, 176, 168),
-    BUILDING: (96, 96, 104),
-}
-_TARGET = np.array((66, 168, 84))
-_PATH = (40, 40, 40)
-_UAVS = ((214, 96, 16), (36, 104, 190), (150, 60, 160), (20, 140, 140))  # in turn
 _FRAME = 512  # pixels of the longer side, about
-
-Cells = Sequence[tuple[int, int]]
-
-
-def _characters(simulator: Simulator) -> NDArray[np.str_]:
-    """Return the map, one character a cell; shape (M, N)."""
-    return np.array([list(row) for row in simulator.scenario.rows])
+_WHITE: Colour = (255, 255, 255)
 
 
-def _positions(simulator: Simulator, i: int) -> list[tuple[int, int]]:
-    """Return where the UAVs of slot ``i`` are."""
-    state = simulator.state
-    return [(r, c) for r, c in state.position[i, : state.uavs[i]].tolist()]
+def frame(simulator: Simulator, i: int, trail: Trail) -> NDArray[np.uint8]:
+    """Draw the episode in slot ``i`` as `raster` does."""
+    return raster(scene_of(simulator, i, trail))
 
 
-def frame(simulator: Simulator, i: int, paths: Sequence[Cells]) -> NDArray[np.uint8]:
-    """Draw the episode in slot ``i``: the map, what is left of the targets in green, and each UAV with its path.
+def raster(scene: Scene) -> NDArray[np.uint8]:
+    """Draw a scene.
 
     Returns
     -------
     ndarray of uint8, shape (M · s, N · s, 3)
         s pixels a cell, so that the longer side has about 512.
     """
-    city, target = simulator.city, simulator.state.target[i]
-    size = max(3, _FRAME // max(city.shape))
-    cells = _characters(simulator)
-    picture = np.empty((*city.shape, 3))
-    for kind, colour in _COLOURS.items():
-        picture[cells == kind] = colour
-    strength = 0.75 * np.sqrt(target / max(float(target.max()), 1.0))[:, :, None]
-    picture = (picture * (1 - strength) + _TARGET * strength).astype(np.uint8)
-    large = picture.repeat(size, axis=0).repeat(size, axis=1)
+    size = max(3, _FRAME // max(scene.cells.shape))
+    large = scene.cells.repeat(size, axis=0).repeat(size, axis=1)
     if size >= 6:
         large[::size] = large[::size] * 0.93
         large[:, ::size] = large[:, ::size] * 0.93
-    half, thick = size // 2, max(1, size // 8)
-    for u, path in enumerate(paths):
-        colour = np.multiply(_UAVS[u % len(_UAVS)], 0.8) if simulator.scenario.team else _PATH
-        for (r0, c0), (r1, c1) in pairwise(path):
-            (top, bottom), (left, right) = sorted((r0, r1)), sorted((c0, c1))
-            large[
-                top * size + half - thick : bottom * size + half + thick,
-                left * size + half - thick : right * size + half + thick,
-            ] = colour
-    y, x = np.ogrid[:size, :size]
-    disc = (y - (size - 1) / 2) ** 2 + (x - (size - 1) / 2) ** 2 < (0.46 * size) ** 2
-    for u, (r, c) in enumerate(_positions(simulator, i)):
-        large[r * size : (r + 1) * size, c * size : (c + 1) * size][disc] = _UAVS[u % len(_UAVS)]
+    half, thick = size // 2, max(1, size // 10)
+    for (r0, c0), (r1, c1), colour in scene.moves:
+        (top, bottom), (left, right) = sorted((r0, r1)), sorted((c0, c1))
+        large[
+            top * size + half - thick : bottom * size + half + thick,
+            left * size + half - thick : right * size + half + thick,
+        ] = colour
+        _stamp(large, _arrow(size, r1 - r0, c1 - c0), ((r0 + r1) / 2, (c0 + c1) / 2), colour)
+    for cell, colour in scene.hovers:
+        _stamp(large, _cross(size), cell, colour)
+    for device in scene.devices:
+        _stamp(large, _disc(size, 0.62), device.cell, device.colour)
+        _stamp(large, _disc(size, 0.48) & ~_pie(size, round(12 * device.left)), device.cell, _WHITE)
+    for cell, colour in (*scene.starts, *scene.ends):
+        _stamp(large, _diamond(size), cell, colour)
+    for cell, colour in scene.uavs:
+        _stamp(large, _disc(size, 0.46), cell, colour)
     return large
 
 
-def text(simulator: Simulator, i: int, paths: Sequence[Cells]) -> str:
+def text(simulator: Simulator, i: int, trail: Trail) -> str:
     """Write the episode in slot ``i``: ``+`` what is left of the targets, ``·`` the flown paths, ``@`` the UAV.
 
     The UAVs of a team are written as the digits of their numbers.
     """
     state = simulator.state
-    cells = _characters(simulator)
-    for path in paths:
-        for r, c in path:
+    cells = np.array([list(row) for row in simulator.scenario.rows])
+    for way in trail.cells:
+        for r, c in way:
             cells[r, c] = "·"
     cells[state.target[i] > 0] = "+"
-    for u, cell in enumerate(_positions(simulator, i)):
-        cells[cell] = f"{u:X}" if simulator.scenario.team else "@"
+    for u, way in enumerate(trail.cells):
+        cells[way[-1]] = f"{u:X}" if simulator.scenario.team else "@"
     cr = float(simulator.outcomes([i])["cr"][0])
     budgets = ", ".join(f"{state.budget[i, u]}/{state.initial_budget[i, u]}" for u in range(state.uavs[i]))
     head = f"{simulator.scenario.id}  budget {budgets}  CR {cr:.3f}"
     return "\n".join([head, *("".join(row) for row in cells.tolist())]) + "\n"
+
+
+def _stamp(picture: NDArray[np.uint8], shape: NDArray[np.bool_], cell: Cell | tuple[float, float], colour: Colour) -> None:
+    """Paint a shape, of two cells' size, with its middle on that of a cell; what is outside the picture is cut off."""
+    side = len(shape)
+    top, left = round((cell[0] + 0.5) * side / 2 - side / 2), round((cell[1] + 0.5) * side / 2 - side / 2)
+    rows, cols = slice(max(0, top), top + side), slice(max(0, left), left + side)
+    part = picture[rows, cols]
+    part[shape[rows.start - top :, cols.start - left :][: part.shape[0], : part.shape[1]]] = colour
+
+
+def _offsets(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far down and right of the middle of a stamp a pixel is, in cells."""
+    at = (np.arange(2 * size) - size + 0.5) / size
+    return at[:, None], at[None, :]
+
+
+@lru_cache(maxsize=64)
+def _disc(size: int, radius: float) -> NDArray[np.bool_]:
+    down, right = _offsets(size)
+    return down**2 + right**2 < radius**2
+
+
+@lru_cache(maxsize=64)
+def _pie(size: int, twelfths: int) -> NDArray[np.bool_]:
+    """Return the part of all around the middle that begins at the top and goes clockwise."""
+    down, right = _offsets(size)
+    return np.arctan2(-right, down) + np.pi < twelfths * np.pi / 6
+
+
+@lru_cache(maxsize=64)
+def _diamond(size: int) -> NDArray[np.bool_]:
+    down, right = _offsets(size)
+    return np.abs(down) + np.abs(right) < 0.5
+
+
+@lru_cache(maxsize=64)
+def _cross(size: int) -> NDArray[np.bool_]:
+    down, right = _offsets(size)
+    near = np.minimum(np.abs(down - right), np.abs(down + right)) < 0.13
+    return near & (np.maximum(np.abs(down), np.abs(right)) < 0.3)
+
+
+@lru_cache(maxsize=64)
+def _arrow(size: int, down: int, right: int) -> NDArray[np.bool_]:
+    """Return the head of an arrow that points along a move."""
+    y, x = _offsets(size)
+    along, across = y * down + x * right, np.abs(y * right) + np.abs(x * down)
+    return (along > -0.2) & (across < 0.55 * (0.2 - along))

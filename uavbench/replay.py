@@ -13,7 +13,6 @@ from uavbench.metrics import METRICS, Comparison, compare
 from uavbench.results import COLUMNS, Result, ResultError, metrics_of
 from uavbench.scenario import Scenario, SplitName, load_scenario
 from uavbench.simulator import Simulator
-from uavbench.state import State
 
 
 def replay(result: Result, scenario_file: str | None = None) -> list[str]:
@@ -37,7 +36,7 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
         When the scenario's digest is not the result's, or a file is damaged.
     """
     summary = result.summary
-    scenario = load_scenario(scenario_file or summary.get("scenario_file") or summary["scenario"])
+    scenario = load_scenario(scenario_file) if scenario_file else result.scenario
     if scenario.digest != summary["scenario_digest"]:
         raise ResultError(
             f"{result.folder}: scenario_digest: the result is of another {scenario.id} "
@@ -84,9 +83,9 @@ def fly_recorded(
     split: SplitName,
     number: int,
     actions: NDArray[np.uint8],
-    watch: Callable[[State], None] = lambda state: None,
+    watch: Callable[[Simulator], None] = lambda simulator: None,
 ) -> EpisodeRecord | None:
-    """Fly an episode with recorded actions, ``watch`` being shown the state at the start and after every step.
+    """Fly an episode with recorded actions, ``watch`` being shown the simulator at the start and after every step.
 
     Returns None when they are not the actions of a whole episode.
     """
@@ -95,7 +94,7 @@ def fly_recorded(
     simulator = Simulator(scenario, 1)
     simulator.reset([0], split, [number])
     state, total = simulator.state, 0.0
-    watch(state)
+    watch(simulator)
     for row in actions:
         flying = ~state.done[0]
         if not flying.any() or (row[flying] >= NUM_ACTIONS).any() or (row[~flying] != NO_ACTION).any():
@@ -104,7 +103,7 @@ def fly_recorded(
         simulator.step(chosen[None] if scenario.team else chosen)
         for reward in state.reward[0].tolist():
             total += reward
-        watch(state)
+        watch(simulator)
     if not state.done.all():
         return None
     uavs = int(state.uavs[0])
@@ -128,13 +127,18 @@ def compare_results(first: Result, second: Result) -> dict[str, Comparison]:
     ResultError
         When they are not of the same scenario, split and episodes.
     """
+    check_paired(first, second)
+    a, b = first.episodes(), second.episodes()
+    return {name: compare(a[name].to_numpy(np.float64), b[name].to_numpy(np.float64)) for name in METRICS}
+
+
+def check_paired(first: Result, second: Result) -> None:
+    """Refuse to compare results that are not of the same scenario, split and episodes, by a ResultError."""
     for field in ("scenario", "scenario_digest", "split", "episodes"):
         if first.summary[field] != second.summary[field]:
             raise ResultError(
                 f"cannot compare: {field} is {first.summary[field]} in {first.folder}, "
                 f"{second.summary[field]} in {second.folder}"
             )
-    a, b = first.episodes(), second.episodes()
-    if a["episode"].tolist() != b["episode"].tolist():
+    if first.episodes()["episode"].tolist() != second.episodes()["episode"].tolist():
         raise ResultError(f"cannot compare: {first.folder} and {second.folder} hold different episodes")
-    return {name: compare(a[name].to_numpy(np.float64), b[name].to_numpy(np.float64)) for name in METRICS}

@@ -19,6 +19,7 @@ from uavbench.evaluate import EpisodeRecord, Job
 from uavbench.files import pack_arrays, unpack_arrays
 from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
 from uavbench.resources import scenario_paths
+from uavbench.scenario import Scenario, load_scenario
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,6 +62,11 @@ class Result:
         """Landed, CR and CRAL with their intervals."""
         return {name: Interval(**self.summary["metrics"][name]) for name in METRICS}
 
+    @property
+    def scenario(self) -> Scenario:
+        """Its scenario: one that is shipped, or a user's own, where it was."""
+        return load_scenario(self.summary.get("scenario_file") or self.summary["scenario"])
+
     def episodes(self) -> "pd.DataFrame":
         """Return ``episodes.csv`` as a table.
 
@@ -75,8 +81,8 @@ class Result:
         try:
             # Python's float() reads back to the last bit what was written; pandas' own parser need not.
             table = pd.read_csv(path, converters=dict.fromkeys(("cr", "cral", "return"), float))
-            return table.astype({name: int for name in COLUMNS if name not in ("cr", "cral", "return")})
-        except (OSError, KeyError, ValueError) as error:
+            return table[list(COLUMNS)].astype({name: int for name in COLUMNS if name not in ("cr", "cral", "return")})
+        except (OSError, KeyError, ValueError, OverflowError) as error:
             raise ResultError(f"{path}: damaged: {error}") from None
 
     def actions(self) -> dict[int, NDArray[np.uint8]]:
@@ -90,7 +96,13 @@ class Result:
         path = self.folder / "actions.npz"
         try:
             table = unpack_arrays(path.read_bytes())
-            parts = np.split(table["actions"].astype(np.uint8, casting="equiv"), table["offsets"][1:-1])
+            actions, offsets = (
+                table["actions"].astype(np.uint8, casting="equiv"),
+                table["offsets"].astype(np.int64, casting="same_kind"),
+            )
+            if offsets[0] != 0 or offsets[-1] != len(actions) or (np.diff(offsets) < 0).any():
+                raise ValueError("its offsets do not cut the actions into episodes")
+            parts = np.split(actions, offsets[1:-1])
             return dict(zip(table["episodes"].tolist(), parts, strict=True))
         except (OSError, KeyError, ValueError, TypeError, IndexError) as error:
             raise ResultError(f"{path}: damaged: {error}") from None
@@ -106,21 +118,33 @@ def load_result(folder: Path) -> Result:
     """
     path = folder / "summary.json"
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-        result = Result(folder, summary)
-        _ = result.metrics
-        for name in ("agent", "scenario", "scenario_digest", "split"):
-            if not isinstance(summary[name], str):
-                raise TypeError(name)
-        for name in ("episodes", "decisions"):
-            if not isinstance(summary[name], int):
-                raise TypeError(name)
+        result = checked_result(folder, json.loads(path.read_text(encoding="utf-8")))
         for name in ("episodes.csv", "actions.npz"):
             (folder / name).stat()
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ResultError(f"{error.filename}: missing; give a folder that uavbench evaluate wrote") from None
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise ResultError(f"{path}: not a summary that uavbench evaluate wrote ({error!r})") from None
+    return result
+
+
+def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
+    """Return the result of a summary, after a look at what is read from it.
+
+    Raises
+    ------
+    KeyError, TypeError
+        When something is missing, or of another type: the message is its name.
+    """
+    result = Result(folder, summary)
+    for interval in result.metrics.values():
+        if not all(isinstance(value, float | int) for value in asdict(interval).values()):
+            raise TypeError("metrics")
+    kinds = {str: ("agent", "agent_sha256", "scenario", "scenario_digest", "split", "track"), int: ("episodes", "decisions")}
+    for kind, names in {**kinds, float: ("decisions_per_second",)}.items():
+        for name in names:
+            if not isinstance(summary[name], kind):
+                raise TypeError(name)
     return result
 
 

@@ -94,7 +94,7 @@ def _bound(scenario: Scenario, number: int, best: float, actions: NDArray[np.uin
     if actions is None:
         plan = coverage.search(scenario, state.target[0], [start], [budget], seed=number, moves=_PLAN_CHANGES).flights[0]
     else:
-        fly_recorded(scenario, SPLIT, number, actions, lambda state: plan.append(_cell(state.position)))
+        fly_recorded(scenario, SPLIT, number, actions, lambda simulator: plan.append(_cell(simulator.state.position)))
         plan.pop()  # it landed where it was
     covered = coverage_bound(scenario, start, budget, state.target[0], plan, seconds)
     return EpisodeBound(number, covered.cr, covered.method)

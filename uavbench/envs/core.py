@@ -1,6 +1,6 @@
 """What the adapters share: spaces, reset options, and the information about a step."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from uavbench.missions import Mission
 from uavbench.observation import Observer
 from uavbench.scenario import Scenario, SplitName, load_scenario
 
-METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "ansi"], "render_fps": 8}
+METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 8}
 
 
 def load(scenario: str | Path | Scenario, local_size: int | None, global_scale: int | None) -> Scenario:
@@ -47,10 +47,10 @@ def action_space() -> spaces.Discrete:
     return spaces.Discrete(NUM_ACTIONS)
 
 
-def check_render_mode(mode: str | None) -> str | None:
+def check_render_mode(mode: str | None, modes: Sequence[str] = METADATA["render_modes"]) -> str | None:
     """Refuse an unknown render mode."""
-    if mode is not None and mode not in METADATA["render_modes"]:
-        raise ValueError(f"render_mode: {mode!r} is not one of {', '.join(METADATA['render_modes'])}")
+    if mode is not None and mode not in modes:
+        raise ValueError(f"render_mode: {mode!r} is not one of {', '.join(modes)}")
     return mode
 
 

@@ -17,6 +17,7 @@ from uavbench.envs.core import (
     load,
     observation_space,
 )
+from uavbench.envs.pictures import Pictures
 from uavbench.episode import check_split
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
@@ -69,8 +70,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         l (odd, 0 for no local map) and g; the scenario's by default.
     split : {"train", "validation", "test"}
         Where ``reset`` draws episodes from when its options name none.
-    render_mode : {"rgb_array", "ansi"}, optional
-        What `render` returns.
+    render_mode : {"human", "rgb_array", "ansi"}, optional
+        What `render` returns; ``"human"`` opens a window (the extra ``human``).
 
     Version History
     ---------------
@@ -95,7 +96,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         self._observer = Observer(self.scenario)
         self.observation_space: Any = observation_space(self.scenario, self._observer)
         self.action_space: Any = action_space()
-        self._path: list[tuple[int, int]] = []
+        self._begun = False
+        self._pictures = Pictures(self.simulator, self.render_mode)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Start an episode.
@@ -123,7 +125,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         except ValueError:
             simulator.state.done[0] = True  # nothing flies until a reset succeeds
             raise
-        self._path = [self._cell()]
+        self._begun = True
+        self._pictures.begin([0])
         split, number = simulator.episode(0)
         return self._observe(), {"action_mask": self._mask(), "split": split, "episode_number": number}
 
@@ -143,7 +146,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         if np.ndim(action) > 0:
             raise ValueError(f"actions: {action!r} is not one integer from 0 to 5")
         self.simulator.step(np.array([action]))
-        self._path.append(self._cell())
+        self._pictures.extend()
         info: dict[str, Any] = {"action_mask": self._mask()}
         terminated = bool(state.done[0, 0])
         if terminated:
@@ -156,23 +159,17 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
 
     def render(self) -> Any:
         """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text, by ``render_mode``."""
-        if self.render_mode is None:
-            return None
-        if not self._path:
-            raise RuntimeError("no episode has begun: call reset() first")
-        from uavbench import render
+        return self._pictures.of(0)
 
-        draw = render.frame if self.render_mode == "rgb_array" else render.text
-        return draw(self.simulator, 0, [self._path])
-
-    def _cell(self) -> tuple[int, int]:
-        r, c = self.simulator.state.position[0, 0].tolist()
-        return r, c
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._pictures.close()
 
     def _mask(self) -> NDArray[np.int8]:
-        if not self._path:
+        if not self._begun:
             raise RuntimeError("no episode has begun: call reset() first")
-        return self.simulator.city.action_mask[self._path[-1]].copy()
+        r, c = self.simulator.state.position[0, 0]
+        return self.simulator.city.action_mask[r, c].copy()
 
     def _observe(self) -> Observation:
         batch = self._observer.empty(1)

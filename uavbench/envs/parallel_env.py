@@ -15,11 +15,13 @@ from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.envs.core import (
     METADATA,
     action_space,
+    check_render_mode,
     choose_episode,
     known_options,
     load,
     observation_space,
 )
+from uavbench.envs.pictures import Pictures
 from uavbench.episode import check_split
 from uavbench.observation import TEAM_LAYERS, Observer
 from uavbench.scenario import Scenario, SplitName
@@ -84,7 +86,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     split : {"train", "validation", "test"}
         Where ``reset`` draws episodes from when its options name none.
     render_mode : {"human", "rgb_array", "ansi"}, optional
-        What `render` returns; "human" prints the text.
+        What `render` returns; ``"human"`` opens a window (the extra ``human``).
 
     Version History
     ---------------
@@ -106,11 +108,8 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     ) -> None:
         loaded = load(scenario, local_size, global_scale)
         self.scenario = loaded if num_uavs is None else loaded.with_uavs(num_uavs)
-        modes = ["human", *METADATA["render_modes"]]
-        if render_mode is not None and render_mode not in modes:
-            raise ValueError(f"render_mode: {render_mode!r} is not one of {', '.join(modes)}")
-        self.render_mode = render_mode
-        self.metadata = {**METADATA, "render_modes": modes, "name": self.scenario.id, "is_parallelizable": True}
+        self.render_mode = check_render_mode(render_mode)
+        self.metadata = {**METADATA, "name": self.scenario.id, "is_parallelizable": True}
         self._split: SplitName = check_split(split)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
@@ -126,7 +125,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self._action_spaces = {agent: action_space() for agent in self._numbers}
         self.state_space = _state_space(self.scenario)
         self._generator: np.random.Generator | None = None
-        self._paths: list[list[tuple[int, int]]] = []
+        self._pictures = Pictures(self.simulator, self.render_mode)
 
     @property
     def episode(self) -> tuple[str, int]:
@@ -169,8 +168,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         simulator.reset(_SLOT, split, [number])
         simulator.customise(0, given)
         self.agents = self.possible_agents[: int(simulator.state.uavs[0])]
-        self._paths = [[] for _ in self.agents]
-        self._extend_paths()
+        self._pictures.begin([0])
         infos = self._infos(self.agents)
         for info in infos.values():
             info["episode_number"] = self.episode[1]
@@ -193,7 +191,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
             raise RuntimeError("step() after the end of the episode: call reset() first")
         simulator, state = self.simulator, self.simulator.state
         simulator.step(self._chosen(actions))
-        self._extend_paths()
+        self._pictures.extend()
         done = {agent: bool(state.done[0, self._numbers[agent]]) for agent in acting}
         self.agents = [agent for agent in acting if not done[agent]]
         rewards = {agent: float(state.reward[0, self._numbers[agent]]) for agent in acting}
@@ -210,23 +208,12 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         return whole
 
     def render(self) -> Any:
-        """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text; "human" prints the text."""
-        if self.render_mode is None:
-            return None
-        if not self._paths:
-            raise RuntimeError("no episode has begun: call reset() first")
-        from uavbench import render
-
-        if self.render_mode == "rgb_array":
-            return render.frame(self.simulator, 0, self._paths)
-        text = render.text(self.simulator, 0, self._paths)
-        if self.render_mode == "ansi":
-            return text
-        print(text)  # noqa: T201
-        return None
+        """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text, by ``render_mode``."""
+        return self._pictures.of(0)
 
     def close(self) -> None:
-        """Release nothing: there is nothing to release."""
+        """Close the window, if there is one."""
+        self._pictures.close()
 
     def _chosen(self, actions: Mapping[str, Any]) -> NDArray[Any]:
         """Return the actions as the simulator wants them; UAVs that fly no more hover."""
@@ -258,13 +245,6 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         masks = self.simulator.action_mask().reshape(-1, NUM_ACTIONS)
         outcome = {name: values[0].item() for name, values in self.simulator.outcomes(_SLOT).items()}
         return {agent: {"action_mask": masks[self._numbers[agent]], **outcome} for agent in agents}
-
-    def _extend_paths(self) -> None:
-        """Add the UAVs' cells to the paths that `render` draws."""
-        if self.render_mode is not None:
-            cells: list[list[int]] = self.simulator.state.position[0].tolist()
-            for path, (r, c) in zip(self._paths, cells, strict=False):
-                path.append((r, c))
 
 
 def _state_space(scenario: Scenario) -> spaces.Box:

@@ -20,10 +20,13 @@ from uavbench.envs.core import (
     load,
     observation_space,
 )
+from uavbench.envs.pictures import Pictures
 from uavbench.episode import check_split
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
+
+_RENDER_MODES = [mode for mode in METADATA["render_modes"] if mode != "human"]
 
 
 class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
@@ -54,13 +57,13 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise ValueError(f"num_envs: {num_envs} is not at least 1")
         self.scenario = check_alone(load(scenario, local_size, global_scale))
         self.num_envs = num_envs
-        self.render_mode = check_render_mode(render_mode)
+        self.render_mode = check_render_mode(render_mode, _RENDER_MODES)
         try:
             self.autoreset_mode = AutoresetMode(autoreset_mode)
         except ValueError:
             names = ", ".join(mode.value for mode in AutoresetMode)
             raise ValueError(f"autoreset_mode: {autoreset_mode!r} is not one of {names}") from None
-        self.metadata = {**METADATA, "autoreset_mode": self.autoreset_mode}
+        self.metadata = {**METADATA, "render_modes": _RENDER_MODES, "autoreset_mode": self.autoreset_mode}
         self._split: SplitName = check_split(split)
         self.simulator = Simulator(self.scenario, num_envs)
         self._observer = Observer(self.scenario)
@@ -69,8 +72,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._all = np.arange(num_envs)
+        self._pictures = Pictures(self.simulator, self.render_mode)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
-        self._paths: list[list[tuple[int, int]]] = [[] for _ in range(num_envs)]
         self._ready = False
 
     def reset(
@@ -107,7 +110,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._start(index, per_slot)
         for i in slots:
             self.simulator.customise(i, given)
-        self._begin_paths(index)
+        self._pictures.begin(index.tolist())
         self._ready = True
         return self._observe(self._all), self._info(self._none(), index, index)
 
@@ -134,7 +137,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.simulator.step(actions)
         rewards, ended = state.reward[:, 0].copy(), done & ~before
         over, truncated = np.flatnonzero(ended), np.zeros(self.num_envs, dtype=np.bool_)
-        self._extend_paths(self._all)
+        self._pictures.extend()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and len(over):
             infos = self._final(over)
             self._start(over, {})
@@ -153,10 +156,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """Return a picture of every slot's episode, as `UAVEnv.render` does."""
         if self.render_mode is None:
             return None
-        from uavbench import render
-
-        draw = render.frame if self.render_mode == "rgb_array" else render.text
-        return tuple(draw(self.simulator, i, [self._paths[i]]) for i in range(self.num_envs))
+        return tuple(self._pictures.of(i) for i in range(self.num_envs))
 
     def _start(self, index: NDArray[np.int64], options: dict[int, dict[str, Any]]) -> None:
         """Start the next episodes in the slots ``index``."""
@@ -171,23 +171,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         for split, chosen in by_split.items():
             started, numbers = zip(*chosen, strict=True)
             self.simulator.reset(started, split, numbers)
-        self._begin_paths(index)
-
-    def _begin_paths(self, index: NDArray[np.int64]) -> None:
-        """Begin the paths that `render` draws."""
-        if self.render_mode is not None:
-            slots: list[int] = index.tolist()
-            for i in slots:
-                self._paths[i] = []
-            self._extend_paths(index)
-
-    def _extend_paths(self, index: NDArray[np.int64]) -> None:
-        """Add the UAVs' cells to the paths that `render` draws."""
-        if self.render_mode is not None:
-            slots: list[int] = index.tolist()
-            for i in slots:
-                r, c = self.simulator.state.position[i, 0].tolist()
-                self._paths[i].append((r, c))
+        self._pictures.begin(index.tolist())
 
     def _observe(self, index: NDArray[np.int64]) -> Observation:
         """Return fresh arrays with the observations of the slots ``index`` in their places."""

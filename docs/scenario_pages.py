@@ -1,0 +1,120 @@
+"""A page for each scenario, generated from its definition when the documentation is built: a Sphinx extension."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from uavbench import load_scenario, scenario_ids
+from uavbench.city import city_of
+from uavbench.plot import legend
+from uavbench.scene import city_colours
+
+DOCS = Path(__file__).parent
+FOLDER = DOCS / "scenario"
+BOARD = DOCS.parent / "leaderboard" / "leaderboard.csv"
+HISTORY = {"v0": "The rules of the paper and of the authors' code, branch `icar`; [what was corrected](../errata.md)."}
+
+
+def write_pages(_app=None):
+    """Write all pages and maps, and the page that lists them."""
+    FOLDER.mkdir(exist_ok=True)
+    names = scenario_ids()
+    for name in names:
+        scenario = load_scenario(name)
+        draw_map(scenario, FOLDER / f"{name}.png")
+        write(FOLDER / f"{name}.md", page(scenario))
+    lines = ["# All scenarios", "", "| id | map | mission | UAVs | budget | targets |", "| --- | --- | --- | --- | --- | --- |"]
+    for name in names:
+        s = load_scenario(name)
+        uavs = "{}–{}".format(*s.uavs) if s.uavs else "1"
+        lines.append(
+            f"| [{name}]({name}.md) | {s.shape[0]}×{s.shape[1]} | {s.mission.kind} | {uavs} | "
+            f"{s.budget[0]}–{s.budget[1]} | {s.mission.targets} |"
+        )
+    write(FOLDER / "index.md", "\n".join([*lines, "", "```{toctree}", ":hidden:", "", *names, "```", ""]))
+
+
+def write(path, text):
+    """Write a file if it has changed, so that Sphinx need not read it again."""
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        path.write_text(text, encoding="utf-8")
+
+
+def page(scenario):
+    """Return the page of a scenario."""
+    mission, rewards, sizes = scenario.mission, scenario.rewards, scenario.observation
+    landing, no_fly, building = (int(getattr(city_of(scenario), layer).sum()) for layer in ("landing", "no_fly", "building"))
+    parameters = {
+        "movement budget": "{}–{}".format(*scenario.budget),
+        "UAVs": "{}–{}".format(*scenario.uavs) if scenario.uavs else "1",
+        "targets": mission.targets,
+        "reward of a movement, of staying unwillingly, of a crash, of a unit": (
+            f"{rewards.movement:g}, {rewards.safety:g}, {rewards.crash:g}, {rewards.collect:g}"
+        ),
+        "observation": f"l = {sizes.local_size}, g = {sizes.global_scale}",
+        **{f"`{name}`": f"`{value}`" for name, value in mission.model_dump(mode="json").items()},
+        "cells": f"{np.prod(scenario.shape):,}: {landing} landing, {no_fly - building} no-fly only, {building} building",
+        "validation and test episodes": f"{scenario.splits.validation.episodes}, {scenario.splits.test.episodes}",
+        "digest": f"`{scenario.digest[:16]}…`",
+    }
+    version = scenario.id.rsplit("-", 1)[1]
+    return "\n".join(
+        [
+            f"# {scenario.id}",
+            "",
+            f"{scenario.title}. [The rules](../rules.md) are those of all scenarios.",
+            "",
+            f"```{{image}} {scenario.id}.png\n:alt: The map of {scenario.id}\n:width: 420px\n```",
+            "",
+            "| parameter | value |",
+            "| --- | --- |",
+            *(f"| {name} | {value} |" for name, value in parameters.items()),
+            "",
+            "```console",
+            f"uavbench evaluate --agent my_agent.py --scenario {scenario.id}",
+            "```",
+            "",
+            "## Results",
+            "",
+            *results(scenario.id),
+            "",
+            "## Version history",
+            "",
+            f"- **{version}**: {HISTORY[version]}",
+            "",
+        ]
+    )
+
+
+def results(name):
+    """Return the table of a scenario's rows of the leaderboard."""
+    rows = [row for row in csv.DictReader(BOARD.read_text(encoding="utf-8").splitlines()) if row["scenario"] == name]
+    if not rows:
+        return ["None on the leaderboard."]
+    lines = [
+        "| rank | agent | track | Landed | CR | CRAL | 95 % interval | tier |",
+        "| ---: | --- | --- | ---: | ---: | ---: | ---: | --- |",
+    ]
+    for row in rows:
+        interval = f"[{row['cral_low']}, {row['cral_high']}]" if row["cral_low"] else ""
+        cells = [row["rank"], row["name"], row["track"], row["landed"], row["cr"], row["cral"], interval, row["tier"]]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def draw_map(scenario, path):
+    """Draw a map with its legend."""
+    figure = Figure(figsize=(4.2, 4.7), layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(city_colours(scenario.rows), interpolation="nearest")
+    axes.tick_params(labelsize=6)
+    figure.legend(handles=legend(scenario)[:3], loc="outside lower center", ncols=3, fontsize=7, frameon=False)
+    figure.savefig(path, dpi=150, metadata={"Software": None})
+
+
+def setup(app):
+    """Be a Sphinx extension."""
+    app.connect("builder-inited", write_pages)
+    return {"parallel_read_safe": True}

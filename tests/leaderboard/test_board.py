@@ -1,0 +1,158 @@
+"""The board: everything is replayed, what is refused is named and the rest is built, again to the same bytes."""
+
+import csv
+import io
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from uavbench.cli import app
+from uavbench.leaderboard.board import build, submission_folders, verify
+from uavbench.leaderboard.reruns import load_reruns
+from uavbench.leaderboard.submission import SubmissionError
+
+
+def uavbench(*arguments):
+    return CliRunner().invoke(app, [str(each) for each in arguments])
+
+
+def rows(folder):
+    return list(csv.DictReader(io.StringIO((folder / "leaderboard.csv").read_text(encoding="utf-8"))))
+
+
+def spoil(folder):
+    (folder / "actions.npz").write_bytes(b"junk")
+
+
+def test_a_board_is_built_beside_the_submissions_and_again_to_the_same_bytes(submissions):
+    board = build(submissions, workers=2)
+    folder = submissions.parent
+    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "leaderboard.csv", "submissions"]
+    assert board.refused == []
+    found = {(row["scenario"], row["name"]): row for row in rows(folder)}
+    for scenario in ("Block8-CPP-v0", "Block8-DH-v0"):
+        assert found[scenario, "greedy"]["rank"] == "1"
+        assert found[scenario, "greedy"]["tier"] == "replayed"
+        assert found[scenario, "random"]["track"] == "observation"
+    first = [(folder / name).read_bytes() for name in ("leaderboard.csv", "index.html")]
+    build(submissions)
+    assert [(folder / name).read_bytes() for name in ("leaderboard.csv", "index.html")] == first
+
+
+def test_the_scores_are_those_that_evaluate_printed(submissions, results):
+    build(submissions)
+    for row in rows(submissions.parent):
+        for result in results.get(row["name"], ()):
+            if result.summary["scenario"] == row["scenario"]:
+                for name, interval in result.metrics.items():
+                    assert row[name] == f"{100 * interval.mean:.2f}"
+                    assert row[f"{name}_low"] == f"{100 * interval.low:.2f}"
+
+
+def test_what_is_refused_is_named_and_the_rest_is_built(submissions):
+    spoil(submissions / "greedy" / "Block8-DH-v0")
+    (submissions / "nobody").mkdir()
+    (submissions / "nobody" / "note.txt").write_text("hello")
+    told = uavbench("leaderboard", "build", submissions)
+    assert told.exit_code == 1
+    assert "refused: greedy/Block8-DH-v0: " in told.output
+    assert "refused: nobody/note.txt: " in told.output
+    found = {(row["scenario"], row["name"]) for row in rows(submissions.parent)}
+    assert ("Block8-CPP-v0", "greedy") in found
+    assert ("Block8-DH-v0", "greedy") not in found
+
+
+def test_verify_checks_alone(submissions):
+    told = uavbench("leaderboard", "verify", submissions)
+    assert told.exit_code == 0
+    assert told.output.count("every number") == 4
+    assert not (submissions.parent / "leaderboard.csv").exists()
+    spoil(submissions / "random" / "Block8-CPP-v0")
+    assert uavbench("leaderboard", "verify", submissions / "greedy").exit_code == 0
+    told = uavbench("leaderboard", "verify", submissions / "random" / "Block8-CPP-v0")
+    assert told.exit_code == 1
+    assert "refused: random/Block8-CPP-v0: " in told.output
+
+
+def test_no_submissions_are_an_error_and_leave_what_was_there(tmp_path):
+    (tmp_path / "leaderboard.csv").write_text("old")
+    (tmp_path / "submissions").mkdir()
+    for folder in ("submissions", "nowhere"):
+        with pytest.raises(SubmissionError, match="holds no submissions"):
+            build(tmp_path / folder)
+        assert uavbench("leaderboard", "verify", tmp_path / folder).exit_code == 2
+    assert (tmp_path / "leaderboard.csv").read_text() == "old"
+
+
+def test_whatever_one_submission_breaks_the_others_are_built(submissions):
+    manifest = submissions / "greedy" / "Block8-DH-v0" / "manifest.toml"
+    manifest.write_text("a = " + "[" * 20_000, encoding="utf-8")
+    board = build(submissions)
+    assert len(board.refused) == 1
+    assert board.refused[0].startswith("greedy/Block8-DH-v0: ")
+    assert {row["name"] for row in rows(submissions.parent)} >= {"greedy", "random"}
+
+
+def test_one_agents_folder_is_no_board(submissions):
+    for folder in (submissions / "greedy", submissions / "greedy" / "Block8-CPP-v0"):
+        with pytest.raises(SubmissionError, match="the folder of all"):
+            build(folder)
+    assert not (submissions / "leaderboard.csv").exists()
+
+
+def test_workers_find_the_same(submissions):
+    spoil(submissions / "greedy" / "Block8-DH-v0")
+    folders = submission_folders(submissions)
+    one, two = verify(folders, 1), verify(folders, 2)
+    assert [each.label for each in one[0]] == [each.label for each in two[0]]
+    assert one[1] == two[1]
+
+
+def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions):
+    folder = submissions / "random"
+    assert uavbench("leaderboard", "rerun", folder, "--agent", "random").exit_code == 0
+    build(submissions)
+    tiers = {(row["scenario"], row["name"]): row["tier"] for row in rows(submissions.parent)}
+    assert tiers["Block8-CPP-v0", "random"] == tiers["Block8-DH-v0", "random"] == "rerun"
+    assert tiers["Block8-CPP-v0", "greedy"] == "replayed"
+
+
+def test_a_part_that_was_run_again_is_counted_but_is_no_rerun(submissions):
+    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", 7).exit_code == 0
+    build(submissions)
+    row = next(row for row in rows(submissions.parent) if row["name"] == "random")
+    assert (row["tier"], row["rerun_episodes"]) == ("replayed", "7")
+
+
+def test_another_agent_is_found_out_at_its_first_other_action(submissions):
+    told = uavbench("leaderboard", "rerun", submissions / "random", "--agent", "greedy")
+    assert told.exit_code == 1
+    assert re.search(r"random/Block8-CPP-v0: episode \d+: greedy acts otherwise from step \d+ on", told.output)
+    assert load_reruns(submissions.parent / "reruns.csv") == {}
+
+
+def test_a_rerun_of_other_actions_does_not_count(submissions):
+    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random").exit_code == 0
+    for name in ("actions.npz", "episodes.csv", "manifest.toml"):
+        content = (submissions / "greedy" / "Block8-CPP-v0" / name).read_bytes()
+        (submissions / "random" / "Block8-CPP-v0" / name).write_bytes(content.replace(b'name = "greedy"', b'name = "random"'))
+    build(submissions)
+    row = next(row for row in rows(submissions.parent) if (row["name"], row["scenario"]) == ("random", "Block8-CPP-v0"))
+    assert row["tier"] == "replayed"
+
+
+def test_a_damaged_table_of_reruns_is_an_error(submissions):
+    (submissions.parent / "reruns.csv").write_text("submission,episodes\na,b\n")
+    with pytest.raises(SubmissionError, match=r"reruns\.csv: damaged"):
+        build(submissions)
+
+
+def test_submit_by_command(results, tmp_path):
+    folders = [result.folder for result in results["random"]]
+    told = uavbench("submit", *folders, "--name", "Any", "--authors", "A", "--authors", "B", "--out", tmp_path / "s")
+    assert told.exit_code == 0
+    assert (tmp_path / "s" / "any" / "Block8-DH-v0" / "manifest.toml").is_file()
+    told = uavbench("submit", *folders, "--name", "../x", "--authors", "A", "--out", tmp_path / "s")
+    assert told.exit_code == 2
+    assert "name" in told.output

@@ -1,0 +1,142 @@
+"""Ranks: ties share one, tracks are apart, the overall score is the mean of four; aggregates agree with rliable."""
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from uavbench import load_scenario
+from uavbench.leaderboard.published import PAPER_SCENARIOS
+from uavbench.leaderboard.ranking import OVERALL, Entry, rank
+from uavbench.leaderboard.submission import Manifest, Submission
+from uavbench.leaderboard.table import COLUMNS, table_text
+from uavbench.metrics import interquartile_mean, paired_p_value, significant, stratified_interval
+from uavbench.results import Result
+
+RANDOM = np.random.default_rng(7)
+BASE = {name: RANDOM.random(1000) for name in PAPER_SCENARIOS}
+
+
+def entry(name, scenario, cral, track="state", folder=None):
+    """An entry of made-up scores, in which every episode landed."""
+    table = pd.DataFrame({"episode": range(1000), "landed": 1, "cr": cral, "cral": cral, "steps": 50})
+    summary = {"track": track, "decisions_per_second": 100.0, "split": "validation", "scenario": scenario}
+    manifest = Manifest(name=name, authors=("A",), result=summary)
+    made = Entry(Submission(folder, manifest, Result(folder, summary), load_scenario(scenario)), None)
+    made.__dict__["table"] = table
+    return made
+
+
+@pytest.fixture(autouse=True)
+def _labels(monkeypatch):
+    monkeypatch.setattr(Submission, "label", property(lambda self: f"{self.manifest.name}/{self.scenario.id}"))
+
+
+def agent(name, gain, noise=0.05, scenarios=PAPER_SCENARIOS, track="state"):
+    random = np.random.default_rng(len(name) + int(1000 * gain))
+    return [entry(name, each, 0.5 * BASE[each] + gain + noise * random.standard_normal(1000), track) for each in scenarios]
+
+
+def ranks(rows, scenario, track="state"):
+    return {row.name: row.rank for row in rows if row.scenario == scenario and row.track == track and row.rank is not None}
+
+
+def test_agents_are_ranked_by_cral_and_ties_share_a_rank():
+    rows = rank([*agent("worst", 0.1), *agent("good", 0.3), *agent("better", 0.3002), *agent("best", 0.4)])
+    for scenario in (OVERALL, *PAPER_SCENARIOS):
+        assert ranks(rows, scenario) == {"best": 1, "good": 2, "better": 2, "worst": 4}
+        scores = [row.cral.mean for row in rows if row.scenario == scenario and row.rank]
+        assert scores == sorted(scores, reverse=True)
+
+
+def test_tracks_are_apart_and_overall_needs_all_four_scenarios():
+    rows = rank(
+        [*agent("all", 0.3), *agent("half", 0.4, scenarios=PAPER_SCENARIOS[:2]), *agent("blind", 0.1, track="observation")]
+    )
+    assert ranks(rows, OVERALL) == {"all": 1}
+    assert ranks(rows, OVERALL, "observation") == {"blind": 1}
+    assert ranks(rows, PAPER_SCENARIOS[0]) == {"half": 1, "all": 2}
+    overall = next(row for row in rows if row.scenario == OVERALL and row.name == "all")
+    means = [row.cral.mean for row in rows if row.name == "all" and row.scenario != OVERALL]
+    assert overall.cral.mean == pytest.approx(np.mean(means), abs=1e-12)
+    assert overall.episodes == 4000
+
+
+def test_any_two_whose_difference_is_not_significant_share_a_rank():
+    entries = list(itertools.chain(*(agent(f"a{k}", 0.3 + 0.0005 * k * k, noise=0.02) for k in range(8))))
+    rows = [row for row in rank(entries) if row.scenario == PAPER_SCENARIOS[0] and row.rank]
+    values = {
+        each.submission.manifest.name: each.values("cral")
+        for each in entries
+        if each.submission.scenario.id == PAPER_SCENARIOS[0]
+    }
+    pairs = list(itertools.combinations([row.name for row in rows], 2))
+    apart = significant([paired_p_value([values[a] - values[b]]) for a, b in pairs])
+    number = {row.name: row.rank for row in rows}
+    assert any(apart)
+    assert not all(apart)
+    assert 1 < len(set(number.values())) < 8
+    for (a, b), found in zip(pairs, apart, strict=True):
+        assert found or number[a] == number[b]
+
+
+def test_the_papers_figures_stand_beside_without_a_rank():
+    rows = [row for row in rank(agent("a", 0.1)) if row.tier == "published"]
+    assert [row.scenario for row in rows] == [OVERALL, *PAPER_SCENARIOS]
+    assert rows[0].cral.mean == pytest.approx(np.mean([0.703, 0.801, 0.825, 0.742]))
+    assert all(row.rank is None and math.isnan(row.cral.low) for row in rows)
+
+
+def test_the_same_rows_give_the_same_text_and_text_cannot_be_a_formula():
+    rows = rank(agent("a", 0.1))
+    assert table_text(rows) == table_text(rank(agent("a", 0.1)))
+    lines = table_text([replace(rows[0], training='=cmd|"x"!A1', gap_to_bound=-1e-9)]).splitlines()
+    assert lines[0].split(",") == list(COLUMNS)
+    assert "'=cmd" in lines[1]
+    assert lines[1].endswith(",0.00")
+
+
+# Statistics.
+
+
+@pytest.mark.parametrize("count", [8, 10, 997, 1000])
+def test_iqm_and_its_kin_agree_with_rliable(count):
+    metrics = pytest.importorskip("rliable.metrics", reason="rliable is the oracle: pip install 'uavbench[dev]'")
+    scores = np.random.default_rng(count).random((count, 4))
+    assert interquartile_mean(scores) == pytest.approx(metrics.aggregate_iqm(scores), abs=1e-12)
+
+
+def test_the_stratified_interval_is_that_of_independent_means():
+    scores = np.random.default_rng(3).random((500, 4)) * np.array([1.0, 0.5, 0.2, 2.0])
+    ours = stratified_interval(list(scores.T))
+    error = math.sqrt((scores.var(axis=0, ddof=1) / 500).sum()) / 4
+    assert ours.mean == pytest.approx(scores.mean())
+    assert (ours.high - ours.low) / 2 == pytest.approx(1.96 * error, rel=0.04)
+    assert (ours.high + ours.low) / 2 == pytest.approx(ours.mean, abs=0.1 * error)
+
+
+def test_sets_of_episodes_are_resampled_independently():
+    values = np.random.default_rng(4).random(500)
+    alone, twice = stratified_interval([values]), stratified_interval([values, values])
+    assert (twice.high - twice.low) * math.sqrt(2) == pytest.approx(alone.high - alone.low, rel=0.05)
+
+
+def test_p_values_are_those_of_the_paired_t_test_for_many_episodes():
+    stats = pytest.importorskip("scipy.stats", reason="SciPy is the oracle")
+    random = np.random.default_rng(5)
+    for gain in (0.0, 0.005, 0.02):
+        first, second = random.random(1000) + gain, random.random(1000)
+        assert paired_p_value([first - second]) == pytest.approx(stats.ttest_rel(first, second).pvalue, abs=0.001)
+    assert paired_p_value([np.zeros(10)]) == 1.0
+    assert paired_p_value([np.ones(10)]) == 0.0
+
+
+def test_holm_rejects_step_by_step():
+    assert significant([0.01, 0.04, 0.03, 0.005]) == [True, False, False, True]
+    assert significant([0.04]) == [True]
+    assert significant([0.03, 0.03]) == [False, False]
+    assert significant([0.0, 0.049]) == [True, True]
+    assert significant([]) == []

@@ -1,0 +1,213 @@
+"""Submissions: what is handed in is what was flown, and whatever else a folder holds is refused in one line."""
+
+import json
+import os
+import shutil
+import tomllib
+import zipfile
+
+import numpy as np
+import pytest
+import tomli_w
+
+from uavbench.files import pack_arrays, unpack_arrays
+from uavbench.leaderboard.submission import MANIFEST, SubmissionError, check, load_submission, submit
+from uavbench.results import Result, load_result
+
+FOLDER = "greedy/Block8-CPP-v0"
+
+
+def edit_manifest(folder, change):
+    path = folder / MANIFEST
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    change(table)
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+
+
+def edit_actions(folder, change):
+    path = folder / "actions.npz"
+    table = unpack_arrays(path.read_bytes())
+    change(table)
+    path.write_bytes(pack_arrays(table, compress=True))
+
+
+def refusal(folder):
+    """Return why it is refused: one line that names it."""
+    with pytest.raises(SubmissionError) as caught:
+        check(load_submission(folder))
+    line = str(caught.value)
+    assert line.startswith(f"{folder.parent.name}/{folder.name}: ")
+    assert len(line) < 500
+    return line
+
+
+def test_a_submission_says_who_and_how_and_is_reproduced(submissions, result):
+    submission = load_submission(submissions / FOLDER)
+    check(submission)
+    manifest = submission.manifest
+    assert manifest.authors == ("A. Author", "B. Author")
+    assert manifest.hardware == "a machine"
+    assert manifest.result == result.summary
+    for name in ("episodes.csv", "actions.npz"):
+        assert (submission.folder / name).read_bytes() == (result.folder / name).read_bytes()
+
+
+def test_it_is_filed_under_its_name_and_replaces_an_older_one(result, tmp_path):
+    for link in ("", "https://example.org/paper?x=1"):
+        folders = submit([result], tmp_path / "s", name="My Agent 2.0", authors=["A"], link=link)
+        assert folders == [tmp_path / "s" / "my-agent-2.0" / "Block8-CPP-v0"]
+        assert load_submission(folders[0]).manifest.link == link
+    assert [path.name for path in (tmp_path / "s").iterdir()] == ["my-agent-2.0"]
+    assert "×" in load_submission(folders[0]).manifest.hardware
+
+
+@pytest.mark.parametrize(
+    ("told", "field"),
+    [
+        ({"name": ""}, "name"),
+        ({"name": "../up"}, "name"),
+        ({"name": "a/b"}, "name"),
+        ({"name": "x" * 41}, "name"),
+        ({"authors": []}, "authors"),
+        ({"authors": ["a\nb"]}, "authors"),
+        ({"link": "javascript:alert(1)"}, "link"),
+        ({"link": 'https://x" onclick="y'}, "link"),
+        ({"training": "x" * 201}, "training"),
+    ],
+)
+def test_what_is_said_must_be_fit_to_print(result, tmp_path, told, field):
+    with pytest.raises(SubmissionError, match=field):
+        submit([result], tmp_path / "s", **{"name": "a", "authors": ["b"], **told})
+    assert list((tmp_path / "s").iterdir()) == []
+
+
+def test_two_results_on_one_scenario_are_no_submission(result, tmp_path):
+    with pytest.raises(SubmissionError, match="two results"):
+        submit([result, result], tmp_path / "s", name="a", authors=["b"])
+
+
+def test_results_on_few_episodes_or_of_unknown_scenarios_are_no_submission(result, tmp_path):
+    for change in ({"episodes": 999}, {"split": "validation"}, {"scenario": "Mine-v0"}, {"scenario_file": "mine.toml"}):
+        copied = shutil.copytree(result.folder, tmp_path / next(iter(change)))
+        (copied / "summary.json").write_text(json.dumps({**result.summary, **change}), encoding="utf-8")
+        with pytest.raises(SubmissionError, match=rf"{next(iter(change))}|does not come with"):
+            submit([load_result(copied)], tmp_path / "s", name="a", authors=["b"])
+        assert list((tmp_path / "s").iterdir()) == []
+
+
+def test_a_result_that_is_not_reproduced_is_no_submission(result, tmp_path):
+    wrong = {**result.summary, "metrics": {**result.summary["metrics"], "cral": {"mean": 1.0, "low": 1.0, "high": 1.0}}}
+    with pytest.raises(SubmissionError, match=r"not reproduced: summary\.json: metrics\.cral\.mean"):
+        submit([Result(result.folder, wrong)], tmp_path / "s", name="a", authors=["b"])
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda t: t.pop("name"), "name"),
+        (lambda t: t.update(surprise=1), "surprise"),
+        (lambda t: t.update(name="other"), "folders"),
+        (lambda t: t["result"].pop("agent"), "agent"),
+        (lambda t: t["result"].update(episodes="1000"), "episodes"),
+        (lambda t: t["result"].update(episodes=10**12), "episodes"),
+        (lambda t: t["result"].update(scenario="../../etc/passwd"), "does not come with"),
+        (lambda t: t["result"].update(scenario="Block8-DH-v0"), "folders"),
+        (lambda t: t["result"].update(scenario_digest="0" * 64), "scenario_digest"),
+        (lambda t: t["result"].update(split="train"), "split"),
+        (lambda t: t["result"].update(track="telepathy"), "track"),
+        (lambda t: t["result"].update(decisions=1), "decisions"),
+        (lambda t: t["result"].update(decisions_per_second=float("nan")), "decisions_per_second"),
+        (lambda t: t["result"].update(decisions_per_second=float("inf")), "decisions_per_second"),
+        (lambda t: t["result"].update(decisions_per_second=-1.0), "decisions_per_second"),
+        (lambda t: t["result"]["metrics"]["cral"].update(mean=0.999), r"metrics\.cral\.mean"),
+        (lambda t: t["result"]["metrics"]["landed"].update(high=float("nan")), r"metrics\.landed\.high"),
+        (lambda t: t["result"]["metrics"].pop("cr"), "cr"),
+        (lambda t: t["result"]["metrics"]["cr"].update(mean="1.0"), "metrics"),
+    ],
+)
+def test_a_wrong_manifest_is_refused(submissions, change, reason):
+    edit_manifest(submissions / FOLDER, change)
+    with pytest.raises(SubmissionError, match=reason):
+        check(load_submission(submissions / FOLDER))
+    refusal(submissions / FOLDER)
+
+
+def test_a_manifest_that_is_no_toml_is_refused(submissions):
+    (submissions / FOLDER / MANIFEST).write_bytes(b"\xff\xfe")
+    assert MANIFEST in refusal(submissions / FOLDER)
+    (submissions / FOLDER / MANIFEST).write_text("a = ", encoding="utf-8")
+    assert MANIFEST in refusal(submissions / FOLDER)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("1,", "2,", "hold the episodes"),
+        (",1,", ",0,", "uavs is 1"),
+        ("\n17,", "\n18,", "hold the episodes"),
+        ("cral", "CRAL", "damaged"),
+        ("\n17,1,", f"\n17,{10**30},", "damaged"),
+    ],
+)
+def test_an_edited_table_is_refused(submissions, old, new, reason):
+    path = submissions / FOLDER / "episodes.csv"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    assert reason in refusal(submissions / FOLDER)
+
+
+def test_a_missing_episode_is_refused(submissions):
+    path = submissions / FOLDER / "episodes.csv"
+    path.write_text("".join(path.read_text(encoding="utf-8").splitlines(keepends=True)[:-1]), encoding="utf-8")
+    assert "hold the episodes" in refusal(submissions / FOLDER)
+
+
+def shorter(table):
+    table["offsets"], table["episodes"] = table["offsets"][:-1], table["episodes"][:-1]
+    table["actions"] = table["actions"][: table["offsets"][-1]]
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (shorter, "hold the episodes"),
+        (lambda t: t.update(actions=t["actions"].astype(np.int64)), "damaged"),
+        (lambda t: t.update(actions=t["actions"][:, 0]), "whole episode"),
+        (lambda t: t.update(actions=t["actions"] + 6), "whole episode"),
+        (lambda t: t["actions"].__setitem__(slice(0, 40), 4), "episode 0"),
+        (lambda t: t.update(offsets=-t["offsets"]), "damaged"),
+        (lambda t: t["offsets"].__setitem__(1, 10**15), "damaged"),
+        (lambda t: t.update(offsets=t["offsets"].astype(np.float64) + 0.5), "damaged"),
+        (lambda t: t.update(offsets=np.zeros(0, dtype=np.int64)), "damaged"),
+        (lambda t: t.update(episodes=t["episodes"][::-1]), "hold the episodes"),
+        (lambda t: t.pop("episodes"), "damaged"),
+    ],
+)
+def test_wrong_actions_are_refused(submissions, change, reason):
+    edit_actions(submissions / FOLDER, change)
+    assert reason in refusal(submissions / FOLDER)
+
+
+def test_files_that_are_not_what_they_should_be_are_refused(submissions):
+    folder = submissions / FOLDER
+    content = (folder / "actions.npz").read_bytes()
+    (folder / "actions.npz").write_bytes(content[:-50])
+    assert "damaged" in refusal(folder)
+    with zipfile.ZipFile(folder / "actions.npz", "w", zipfile.ZIP_DEFLATED) as table:
+        table.writestr("actions.npy", bytes(2**29))
+    assert "256 MB" in refusal(folder)
+    (folder / "actions.npz").write_bytes(bytes(2**22 + 1))
+    assert "larger than" in refusal(folder)
+    (folder / "actions.npz").unlink()
+    assert "missing" in refusal(folder)
+    (folder / "actions.npz").symlink_to("/dev/zero")
+    assert "not a plain file" in refusal(folder)
+    (folder / "actions.npz").unlink()
+    os.mkfifo(folder / "actions.npz")
+    assert "not a plain file" in refusal(folder)
+
+
+def test_other_files_are_refused(submissions):
+    (submissions / FOLDER / "setup.py").write_text("")
+    assert "setup.py" in refusal(submissions / FOLDER)

@@ -1,0 +1,141 @@
+"""``uavbench submit`` and ``uavbench leaderboard``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavbench.commands.shared import fail
+
+app = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    help="Check submissions, and make the leaderboard of them.",
+    epilog="\b\nExamples:\n  uavbench leaderboard verify leaderboard/submissions/my-agent\n"
+    "  uavbench leaderboard build leaderboard/submissions",
+)
+
+_Submissions = Annotated[Path, typer.Argument(help="A folder of submissions, or one of them.")]
+_Workers = Annotated[int, typer.Option(min=1, help="Processes.")]
+
+
+def submit(
+    results: Annotated[list[Path], typer.Argument(help="Folders that evaluate wrote, all of one agent.")],
+    name: Annotated[str, typer.Option(help="What the leaderboard calls the agent.")],
+    authors: Annotated[list[str], typer.Option(help="Who made it; repeatable.")],
+    link: Annotated[str, typer.Option(help="Where it is described.")] = "",
+    training: Annotated[str, typer.Option(help="On what it was trained, with which seeds.")] = "",
+    hardware: Annotated[str, typer.Option(help="On what it was flown; by default this machine.")] = "",
+    out: Annotated[Path, typer.Option(help="The folder of submissions.")] = Path("leaderboard/submissions"),
+) -> None:
+    """Make a submission to the leaderboard of results on all test episodes.
+
+    Every action is replayed first. What is written is OUT/<name>/<scenario>: a manifest, the actions and the episodes.
+    """
+    from rich.console import Console
+
+    from uavbench.display import working
+    from uavbench.leaderboard.submission import SubmissionError
+    from uavbench.leaderboard.submission import submit as make_submission
+    from uavbench.results import ResultError, load_result
+
+    try:
+        loaded = [load_result(folder) for folder in results]
+        with working(Console(stderr=True), "replaying", len(loaded)) as advance:
+            told = {"name": name, "link": link, "training": training, "hardware": hardware}
+            folders = make_submission(loaded, out, authors=authors, on_checked=advance, **told)
+    except (ResultError, SubmissionError) as error:
+        raise fail(error) from None
+    for folder in folders:
+        typer.echo(folder)
+
+
+@app.command(epilog="\\b\\nExample:\\n  uavbench leaderboard verify leaderboard/submissions/my-agent")
+def verify(folder: _Submissions, workers: _Workers = 1) -> None:
+    """Replay every action of submissions and compare every number.
+
+    What is refused is named, with the reason, and the exit status is 1 then.
+    """
+    from rich.console import Console
+
+    from uavbench.display import working
+    from uavbench.leaderboard.board import submission_folders
+    from uavbench.leaderboard.board import verify as check
+    from uavbench.leaderboard.submission import SubmissionError
+
+    try:
+        folders = submission_folders(folder)
+        with working(Console(stderr=True), "replaying", len(folders)) as advance:
+            held, refused = check(folders, workers, advance)
+    except SubmissionError as error:
+        raise fail(error) from None
+    for submission in held:
+        typer.echo(f"{submission.label}: all {submission.manifest.result['episodes']} episodes reproduced, every number")
+    for line in refused:
+        fail(f"refused: {line}")
+    if refused:
+        raise typer.Exit(1)
+
+
+@app.command(epilog="\\b\\nExample:\\n  uavbench leaderboard build leaderboard/submissions --workers 2")
+def build(submissions: _Submissions, workers: _Workers = 1) -> None:
+    """Replay all submissions, and write leaderboard.csv and index.html beside their folder.
+
+    What is refused is named, with the reason, and the rest is built; the exit status is 1 then.
+    """
+    from rich.console import Console
+
+    from uavbench.display import leaderboard_table, working
+    from uavbench.leaderboard.board import build as build_board
+    from uavbench.leaderboard.board import submission_folders
+    from uavbench.leaderboard.submission import SubmissionError
+
+    console = Console()
+    try:
+        with working(Console(stderr=True), "replaying", len(submission_folders(submissions))) as advance:
+            board = build_board(submissions, workers, advance)
+    except SubmissionError as error:
+        raise fail(error) from None
+    console.print(leaderboard_table(board.rows))
+    for line in board.refused:
+        fail(f"refused: {line}")
+    if board.refused:
+        raise typer.Exit(1)
+
+
+@app.command(
+    epilog="\b\nExamples:\n  uavbench leaderboard rerun leaderboard/submissions/greedy --agent greedy\n"
+    "  uavbench leaderboard rerun leaderboard/submissions/planner --agent planner --episodes 100 --workers 2"
+)
+def rerun(
+    folder: _Submissions,
+    agent: Annotated[str, typer.Option(help="What was submitted: path.py, path.py:Class, or a built-in's name.")],
+    episodes: Annotated[int | None, typer.Option(min=1, help="How many, from 0 on; by default all.")] = None,
+    workers: _Workers = 1,
+) -> None:
+    """Execute a submission's agent again, and compare every action.
+
+    Where it takes the same ones, that is written down in reruns.csv beside the folder of all submissions, and the next build
+    shows the tier "rerun".
+    """
+    from rich.console import Console
+
+    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench.display import episodes_progress
+    from uavbench.evaluate import AgentError
+    from uavbench.leaderboard.board import submission_folders
+    from uavbench.leaderboard.reruns import fly_again, save_rerun
+    from uavbench.leaderboard.submission import SubmissionError, load_submission
+
+    try:
+        source = find_agent(agent)
+        for each in submission_folders(folder):
+            submission = load_submission(each)
+            count = min(episodes or submission.result.summary["episodes"], submission.result.summary["episodes"])
+            with episodes_progress(Console(stderr=True), submission.label, "CRAL") as progress:
+                progress.show(count)
+                found = fly_again(submission, source, count, workers, lambda record: progress.advance(record.cral))
+            save_rerun(each.parent.parent.parent / "reruns.csv", found)
+            typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes")
+    except (AgentLoadError, AgentError, SubmissionError) as error:
+        raise fail(error, 1) from None

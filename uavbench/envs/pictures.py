@@ -1,0 +1,74 @@
+"""What ``render`` shows, for all adapters: nothing is kept, and nothing imported, unless a mode was asked for."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from uavbench.envs.core import METADATA
+from uavbench.simulator import Simulator
+from uavbench.trail import Trail
+
+
+class Pictures:
+    """Pictures of a simulator's episodes.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    mode : {"human", "rgb_array", "ansi"}, optional
+        ``"human"`` shows slot 0 in a window as soon as anything happens.
+    """
+
+    def __init__(self, simulator: Simulator, mode: str | None) -> None:
+        self._simulator, self._mode = simulator, mode
+        self._trails: dict[int, Trail] = {}
+        self._window: Any = None
+
+    def begin(self, index: Iterable[int]) -> None:
+        """Take note that episodes begin in the slots ``index``."""
+        if self._mode is not None:
+            self._trails.update({i: Trail(self._simulator, i) for i in index})
+            self._show()
+
+    def extend(self) -> None:
+        """Take note of a step."""
+        if self._mode is not None:
+            for trail in self._trails.values():
+                trail.extend()
+            self._show()
+
+    def of(self, i: int) -> Any:
+        """Return the picture of slot ``i``: an array (rows, columns, 3) of uint8, or text; None in a window or without a mode.
+
+        Raises
+        ------
+        RuntimeError
+            When no episode has begun.
+        """
+        if self._mode is None:
+            return None
+        if i not in self._trails:
+            raise RuntimeError("no episode has begun: call reset() first")
+        from uavbench import render
+
+        if self._mode == "human":
+            return self._show()
+        draw = render.frame if self._mode == "rgb_array" else render.text
+        return draw(self._simulator, i, self._trails[i])
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+    def _show(self) -> None:
+        """Show slot 0 in the window."""
+        if self._mode != "human":
+            return
+        from uavbench.render import raster
+        from uavbench.scene import scene_of
+        from uavbench.window import Window
+
+        self._window = self._window or Window()
+        scene = scene_of(self._simulator, 0, self._trails[0])
+        self._window.show(raster(scene), f"{self._simulator.scenario.id}: {scene.title}", METADATA["render_fps"])

@@ -1,0 +1,1 @@
+"""Submissions → leaderboard: what is handed in, checked, ranked, and shown."""

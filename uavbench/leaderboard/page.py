@@ -1,0 +1,108 @@
+"""``index.html``: one file with the table, the episodes and the flights in it, and no outside requests."""
+
+import base64
+import json
+import math
+import re
+import zlib
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.city import city_of
+from uavbench.episode import frozen_columns
+from uavbench.keyed import QUANTILE
+from uavbench.leaderboard.published import PAPER_SCENARIOS
+from uavbench.leaderboard.ranking import Entry, Row
+from uavbench.metrics import Interval
+from uavbench.missions.harvesting import channel_of
+from uavbench.parameters import Harvesting
+from uavbench.scenario import Scenario
+
+_SHOWN_ELSEWHERE = 100  # flights to watch on scenarios other than the paper's: the page is to stay small
+
+
+def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
+    """Return the page."""
+    watched = [entry for entry in entries if frozen_columns(entry.submission.scenario, "test") is not None]
+    scenarios = {entry.submission.scenario.id: entry.submission.scenario for entry in watched}
+    folders = {entry.submission.manifest.name: entry.submission.manifest.folder for entry in watched}
+    data = {
+        "rows": [_row(row, folders.get(row.name) if row.tier != "published" else None) for row in rows],
+        "names": {folder: name for name, folder in folders.items()},
+        "quantile": QUANTILE,
+        "scenarios": {name: _scenario(scenario) for name, scenario in scenarios.items()},
+        "flights": {entry.submission.label: _flights(entry) for entry in watched},
+    }
+    parts = {
+        "CSS": _asset("page.css"),
+        "DATA": json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
+        "WORLD": _asset("world.js"),
+        "VIEWER": _asset("viewer.js"),
+        "BOARD": _asset("board.js"),
+    }
+    return re.sub(r"/\*([A-Z]+)\*/", lambda mark: parts[mark[1]], _asset("page.html"))
+
+
+def _asset(name: str) -> str:
+    return (files("uavbench.leaderboard") / "page" / name).read_text(encoding="utf-8")
+
+
+def _row(row: Row, folder: str | None) -> dict[str, Any]:
+    """Return a row as JSON, in per cent, with the folder of its flights."""
+    percent = {name: _percent(getattr(row, name)) for name in ("landed", "cr", "cral")}
+    single = {name: _scaled(getattr(row, name)) for name in ("iqm", "gap_to_best", "gap_to_bound")}
+    plain = asdict(replace(row, landed=None, cr=None, cral=None))  # pyright: ignore[reportArgumentType]
+    return {**plain, **percent, **single, "entry": folder}
+
+
+def _percent(interval: Interval) -> list[float | None]:
+    return [_scaled(value) for value in (interval.mean, interval.low, interval.high)]
+
+
+def _scaled(value: float | None) -> float | None:
+    return None if value is None or math.isnan(value) else round(100 * value, 4)
+
+
+def _scenario(scenario: Scenario) -> dict[str, Any]:
+    """Return what it takes to fly a scenario's test episodes."""
+    columns = frozen_columns(scenario, "test")
+    assert columns is not None
+    count = shown(scenario)
+    mission = scenario.mission
+    channel = channel_of(mission, city_of(scenario).shape)._asdict() if isinstance(mission, Harvesting) else None
+    return {
+        "id": scenario.id,
+        "rows": scenario.rows,
+        "uavs": scenario.most_uavs,
+        "mission": mission.model_dump(mode="json"),
+        "channel": channel,
+        "episodes": {name: _packed(column[:count]) for name, column in columns.items()},
+    }
+
+
+def _flights(entry: Entry) -> dict[str, Any]:
+    """Return the actions of an entry's episodes, and their CRAL."""
+    count = shown(entry.submission.scenario)
+    actions = list(entry.submission.result.actions().values())[:count]
+    return {
+        "lengths": _packed(np.array([len(each) for each in actions], dtype=np.uint16)),
+        "actions": _packed(np.concatenate(actions)),
+        "cral": _packed(np.round(entry.values("cral")[:count], 6).astype(np.float32)),
+    }
+
+
+def shown(scenario: Scenario) -> int:
+    """Return how many flights of a scenario can be watched: all of the paper's, the first ones of others."""
+    episodes = scenario.splits.test.episodes
+    return episodes if scenario.id in PAPER_SCENARIOS else min(episodes, _SHOWN_ELSEWHERE)
+
+
+def _packed(array: NDArray[Any]) -> dict[str, Any]:
+    """Return an array as JSON: its bytes, deflated, in base64."""
+    content = base64.b64encode(zlib.compress(np.ascontiguousarray(array).tobytes(), 9)).decode()
+    return {"dtype": str(array.dtype), "shape": array.shape, "data": content}

@@ -1,0 +1,205 @@
+"""Who is how good: the rows of the leaderboard, from submissions that have been replayed."""
+
+import itertools
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from uavbench.agent import TRACKS
+from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
+from uavbench.leaderboard.reruns import Rerun, actions_digest
+from uavbench.leaderboard.submission import Submission
+from uavbench.metrics import Interval, interquartile_mean, paired_p_value, proportion_interval, significant, stratified_interval
+from uavbench.reference import gaps
+
+#: What stands for all four of the paper's scenarios together.
+OVERALL = "overall"
+#: How much is known of a score: read in a paper, replayed, or flown again by the agent itself.
+TIERS = ("published", "replayed", "rerun")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the leaderboard. Scores are fractions; None where there is none.
+
+    Attributes
+    ----------
+    scenario : str
+        Its id, or `OVERALL`.
+    track : str
+        What the agent saw.
+    rank : int, optional
+        In its scenario and track; agents whose difference is not significant share one. None for published figures.
+    name, authors, link, training : str
+        What the submission says of itself.
+    tier : str
+        One of `TIERS`.
+    rerun_episodes : int
+        On how many episodes the agent itself took the same actions again.
+    episodes : int
+        How many it is the mean of.
+    landed, cr, cral : Interval
+        Published figures have no interval: NaN.
+    iqm : float, optional
+        Interquartile mean of CRAL.
+    steps : float, optional
+        Mean of the actions that an episode took.
+    decisions_per_second : float, optional
+        As measured where it was flown.
+    gap_to_best, gap_to_bound : float, optional
+        Mean of what CRAL falls short of the best known flight, and of the upper bound, over the episodes that have one.
+    """
+
+    scenario: str
+    track: str
+    rank: int | None
+    name: str
+    authors: str
+    link: str
+    training: str
+    tier: str
+    rerun_episodes: int
+    episodes: int
+    landed: Interval
+    cr: Interval
+    cral: Interval
+    iqm: float | None
+    steps: float | None
+    decisions_per_second: float | None
+    gap_to_best: float | None
+    gap_to_bound: float | None
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A submission that has been replayed, and how much of it was flown again."""
+
+    submission: Submission
+    rerun: Rerun | None
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """Its episodes."""
+        return self.submission.result.episodes()
+
+    def values(self, column: str) -> NDArray[np.float64]:
+        """Return a column over the episodes."""
+        return self.table[column].to_numpy(np.float64)
+
+    @property
+    def rerun_episodes(self) -> int:
+        """On how many episodes these very actions were taken again."""
+        rerun = self.rerun
+        return rerun.episodes if rerun and rerun.actions_sha256 == actions_digest(self.submission) else 0
+
+
+def rank(entries: Iterable[Entry]) -> list[Row]:
+    """Return the rows of all scenarios and the overall ones, best first, published figures among them."""
+    found = sorted(entries, key=lambda entry: entry.submission.label)
+    rows: list[Row] = []
+    for scenario in (OVERALL, *PAPER_SCENARIOS, *sorted({e.submission.scenario.id for e in found} - set(PAPER_SCENARIOS))):
+        parts = PAPER_SCENARIOS if scenario == OVERALL else (scenario,)
+        for track in TRACKS:
+            groups = _complete(found, parts, track)
+            ordered = sorted(groups, key=lambda group: -float(np.mean([entry.values("cral").mean() for entry in group])))
+            rows += [_row(scenario, number, group) for number, group in zip(_ranks(ordered), ordered, strict=True)]
+        if scenario in (OVERALL, *TABLE_3):
+            rows.append(_published(scenario, parts))
+    return rows
+
+
+def _complete(entries: Sequence[Entry], scenarios: Sequence[str], track: str) -> list[list[Entry]]:
+    """Return the entries of each agent of a track that has all the scenarios, in their order."""
+    agents: dict[str, dict[str, Entry]] = {}
+    for entry in entries:
+        if entry.submission.manifest.result["track"] == track:
+            agents.setdefault(entry.submission.manifest.name, {})[entry.submission.scenario.id] = entry
+    return [[there[name] for name in scenarios] for there in agents.values() if all(name in there for name in scenarios)]
+
+
+def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
+    """Return the ranks of agents in the order of their means.
+
+    A new rank begins where everyone above is significantly better than everyone below (paired, Holm-corrected over all pairs):
+    so any two whose difference is not significant share one.
+    """
+    pairs = list(itertools.combinations(range(len(ordered)), 2))
+    differences = [[a.values("cral") - b.values("cral") for a, b in zip(ordered[i], ordered[j], strict=True)] for i, j in pairs]
+    apart = dict(zip(pairs, significant([paired_p_value(each) for each in differences]), strict=True))
+    ranks: list[int] = []
+    for k in range(len(ordered)):
+        splits = all(apart[i, j] for i in range(k) for j in range(k, len(ordered)))
+        ranks.append(k + 1 if splits else ranks[-1])
+    return ranks
+
+
+def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
+    """Return the row of an agent: the mean over its scenarios."""
+    first = group[0].submission.manifest
+    cral = [entry.values("cral") for entry in group]
+    again = [entry.rerun_episodes for entry in group]
+    count = [len(values) for values in cral]
+    known = [gaps(entry.submission.result) for entry in group]
+    return Row(
+        scenario=scenario,
+        track=first.result["track"],
+        rank=number,
+        name=first.name,
+        authors=", ".join(first.authors),
+        link=first.link,
+        training=first.training,
+        tier="rerun" if again == count else "replayed",
+        rerun_episodes=sum(again),
+        episodes=sum(count),
+        landed=proportion_interval(np.concatenate([entry.values("landed") > 0 for entry in group])),
+        cr=stratified_interval([entry.values("cr") for entry in group]),
+        cral=stratified_interval(cral),
+        iqm=interquartile_mean(np.concatenate(cral)),
+        steps=float(np.mean([entry.values("steps").mean() for entry in group])),
+        decisions_per_second=_harmonic([entry.submission.manifest.result["decisions_per_second"] for entry in group]),
+        gap_to_best=_mean([each and each.to_best and each.to_best.mean for each in known]),
+        gap_to_bound=_mean([each and each.to_bound and each.to_bound.mean for each in known]),
+    )
+
+
+def _published(scenario: str, parts: Sequence[str]) -> Row:
+    """Return the row of the paper's figures."""
+
+    def mean(figure: Callable[[str], float]) -> Interval:
+        return Interval(float(np.mean([figure(part) for part in parts])), np.nan, np.nan)
+
+    return Row(
+        scenario=scenario,
+        track="observation",
+        rank=None,
+        name=NAME,
+        authors=AUTHORS,
+        link=LINK,
+        training="",
+        tier="published",
+        rerun_episodes=0,
+        episodes=1000 * len(parts),
+        landed=mean(lambda part: TABLE_3[part].landed),
+        cr=mean(lambda part: TABLE_3[part].cr),
+        cral=mean(lambda part: TABLE_3[part].cral),
+        iqm=None,
+        steps=None,
+        decisions_per_second=None,
+        gap_to_best=None,
+        gap_to_bound=None,
+    )
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    """Return the mean, if all are known."""
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if len(known) == len(values) else None
+
+
+def _harmonic(speeds: Sequence[float]) -> float:
+    """Return the mean speed over as many decisions of each."""
+    return len(speeds) / sum(1 / max(speed, 1e-9) for speed in speeds)

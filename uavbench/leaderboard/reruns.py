@@ -1,0 +1,103 @@
+"""Which submissions were flown again by their agent: ``reruns.csv`` beside ``submissions/``, kept by who keeps the board.
+
+Replaying proves a score, not who made the actions. When the agent itself is executed again and takes the same actions, that is
+written down here, with the digests of both, so that another file of actions is not taken for the one that was compared.
+"""
+
+import csv
+import hashlib
+import io
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from uavbench.agent import AgentSource
+from uavbench.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.files import write_whole
+from uavbench.leaderboard.submission import Submission, SubmissionError
+
+
+@dataclass(frozen=True)
+class Rerun:
+    """An agent that took the same actions again.
+
+    Attributes
+    ----------
+    submission : str
+        Its folder, <name>/<scenario>.
+    agent_sha256, actions_sha256 : str
+        Digests of the agent's file and of ``actions.npz``.
+    episodes : int
+        How many episodes, from 0 on, were flown again.
+    """
+
+    submission: str
+    agent_sha256: str
+    actions_sha256: str
+    episodes: int
+
+
+def load_reruns(path: Path) -> dict[str, Rerun]:
+    """Read what has been flown again, by submission; nothing when there is no file.
+
+    Raises
+    ------
+    SubmissionError
+        When the file is damaged.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines(), strict=True))
+        return {row["submission"]: Rerun(**{**row, "episodes": int(row["episodes"])}) for row in rows}  # pyright: ignore[reportArgumentType]
+    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
+        raise SubmissionError(f"{path}: damaged: {error}") from None
+
+
+def save_rerun(path: Path, rerun: Rerun) -> None:
+    """Write down a rerun, in the place of an older one of the same submission."""
+    known = {**load_reruns(path), rerun.submission: rerun}
+    text = io.StringIO()
+    writer = csv.DictWriter(text, [field.name for field in fields(Rerun)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(known[name]) for name in sorted(known))
+    write_whole(path, text.getvalue().encode())
+
+
+def actions_digest(submission: Submission) -> str:
+    """Return the digest of a submission's actions."""
+    return hashlib.sha256((submission.folder / "actions.npz").read_bytes()).hexdigest()
+
+
+def fly_again(
+    submission: Submission,
+    source: AgentSource,
+    episodes: int,
+    workers: int = 1,
+    on_record: Callable[[EpisodeRecord], None] = lambda record: None,
+) -> Rerun:
+    """Execute the agent on the first episodes, and compare every action.
+
+    Raises
+    ------
+    SubmissionError
+        When it takes another action than the submission's.
+    """
+    recorded = submission.result.actions()
+    for record in evaluate(Job(source, submission.scenario, "test"), range(episodes), workers):
+        if not np.array_equal(record.actions, recorded[record.episode]):
+            first = _first_difference(record, recorded[record.episode])
+            raise SubmissionError(
+                f"{submission.label}: episode {record.episode}: {source.name} acts otherwise from step {first} on"
+            )
+        on_record(record)
+    return Rerun(submission.label, source.sha256, actions_digest(submission), episodes)
+
+
+def _first_difference(record: EpisodeRecord, actions: np.ndarray) -> int:
+    """Return the step at which two flights part."""
+    shared = min(len(record.actions), len(actions))
+    other = (record.actions[:shared] != actions[:shared]).any(axis=1)
+    return int(other.argmax()) if other.any() else shared

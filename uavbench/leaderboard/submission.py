@@ -1,0 +1,243 @@
+"""A submission: a result with who made it and how, in ``submissions/<name>/<scenario>/``.
+
+Beside ``episodes.csv`` and ``actions.npz`` of the result is ``manifest.toml``: what its authors say, and in ``[result]`` what
+``summary.json`` said. Whatever is in such a folder may come from anybody, and is read accordingly.
+"""
+
+import math
+import os
+import platform
+import re
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import Field, ValidationError, field_validator
+
+from uavbench.agent import TRACKS
+from uavbench.parameters import Record
+from uavbench.replay import replay
+from uavbench.resources import scenario_paths
+from uavbench.results import Result, ResultError, checked_result
+from uavbench.scenario import Scenario, load_scenario
+
+MANIFEST = "manifest.toml"
+#: The files of a submission, and the bytes that each may have.
+_LARGEST = {MANIFEST: 2**16, "episodes.csv": 2**22, "actions.npz": 2**22}
+_Line = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$", strict=True)]
+
+
+class SubmissionError(ValueError):
+    """A submission that is refused; the message says which and why, in one line."""
+
+
+class Manifest(Record):
+    """What a submission says of itself.
+
+    Attributes
+    ----------
+    name : str
+        Of the agent, as the leaderboard shows it.
+    authors : tuple of str
+        Who made it.
+    link : str
+        Where it is described: an http or https address, or nothing.
+    training : str
+        What it was trained on, with which seeds; nothing for an agent that was not trained.
+    hardware : str
+        On what it was flown.
+    result : dict
+        What ``uavbench evaluate`` wrote in ``summary.json``.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$", strict=True)]
+    authors: Annotated[tuple[_Line, ...], Field(min_length=1, max_length=30)]
+    link: _Line = ""
+    training: _Line = ""
+    hardware: _Line = ""
+    result: dict[str, Any]
+
+    @field_validator("link")
+    @classmethod
+    def _web(cls, link: str) -> str:
+        if link and not re.match(r"https?://[^\s\"'<>]+$", link):
+            raise ValueError("write an address that begins with http:// or https://, or nothing")
+        return link
+
+    @property
+    def folder(self) -> str:
+        """What its folder is called."""
+        return self.name.lower().replace(" ", "-")
+
+
+@dataclass(frozen=True)
+class Submission:
+    """A submission that was read, and not yet replayed."""
+
+    folder: Path
+    manifest: Manifest
+    result: Result
+    scenario: Scenario
+
+    @property
+    def label(self) -> str:
+        """What it is called in messages."""
+        return _label(self.folder)
+
+
+def load_submission(folder: Path) -> Submission:
+    """Read the submission in ``folder``.
+
+    Raises
+    ------
+    SubmissionError
+        When a file is missing, too large, a link, or not what it should be, or the scenario's digest is another.
+    """
+    label = _label(folder)
+    try:
+        _check_files(folder)
+        manifest = Manifest.model_validate(tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8")))
+        result = checked_result(folder, manifest.result)
+        scenario = load_scenario(_shipped(manifest.result))
+    except ValidationError as error:
+        raise SubmissionError(f"{label}: {MANIFEST}: {_first(error)}") from None
+    except (KeyError, TypeError) as error:
+        raise SubmissionError(f"{label}: {MANIFEST}: result: {error}: missing or of a wrong type") from None
+    except (OSError, SubmissionError) as error:
+        raise SubmissionError(f"{label}: {error}") from None
+    except ValueError as error:
+        raise SubmissionError(f"{label}: {MANIFEST}: {error}") from None
+    said = {
+        "folders": (label, f"{manifest.folder}/{scenario.id}"),
+        "result.scenario_digest": (manifest.result["scenario_digest"], scenario.digest),
+        "result.split": (manifest.result["split"], "test"),
+        "result.episodes": (manifest.result["episodes"], scenario.splits.test.episodes),
+    }
+    for field, (found, expected) in said.items():
+        if found != expected:
+            raise SubmissionError(f"{label}: {MANIFEST}: {field}: {found}, expected {expected}")
+    if manifest.result["track"] not in TRACKS:
+        raise SubmissionError(
+            f"{label}: {MANIFEST}: result.track: {manifest.result['track']!r} is not one of {', '.join(TRACKS)}"
+        )
+    if not 0 < manifest.result["decisions_per_second"] < math.inf:
+        raise SubmissionError(f"{label}: {MANIFEST}: result.decisions_per_second: not a number above 0")
+    return Submission(folder, manifest, result, scenario)
+
+
+def check(submission: Submission) -> None:
+    """Replay every action of a submission.
+
+    Raises
+    ------
+    SubmissionError
+        When a number is not reproduced.
+    """
+    try:
+        wrong = replay(submission.result)
+    except (ResultError, ValueError) as error:
+        raise SubmissionError(f"{submission.label}: {error}") from None
+    if wrong:
+        more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
+        raise SubmissionError(f"{submission.label}: not reproduced: {wrong[0]}{more}")
+
+
+def submit(
+    results: Sequence[Result],
+    submissions: Path,
+    *,
+    name: str,
+    authors: Sequence[str],
+    link: str = "",
+    training: str = "",
+    hardware: str = "",
+    on_checked: Callable[[Path], None] = lambda folder: None,
+) -> list[Path]:
+    """Make a submission of each result; all are replayed first, and nothing is written if one is refused.
+
+    Returns
+    -------
+    list of Path
+        The folders: ``submissions``/<name>/<scenario>. What was there is replaced.
+
+    Raises
+    ------
+    SubmissionError
+        When a result cannot be submitted, or what is said of it.
+    """
+    told = {"name": name, "authors": tuple(authors), "link": link, "training": training, "hardware": hardware or this_machine()}
+    submissions.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".new-", dir=submissions) as staging:
+        made = [_write(result, told, Path(staging)) for result in results]
+        for new in made:
+            check(load_submission(new))
+            on_checked(new)
+        folders = [submissions / new.relative_to(staging) for new in made]
+        for new, folder in zip(made, folders, strict=True):
+            folder.parent.mkdir(exist_ok=True)
+            if folder.exists():
+                folder.replace(new.with_name(f"{new.name}.old"))
+            new.replace(folder)
+    return folders
+
+
+def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
+    """Write the submission of a result; return its folder."""
+    try:
+        manifest = Manifest.model_validate({**told, "result": result.summary})
+    except ValidationError as error:
+        raise SubmissionError(_first(error)) from None
+    folder = submissions / manifest.folder / _shipped(result.summary)
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise SubmissionError(f"{result.folder}: two results on {folder.name}: a submission has one a scenario") from None
+    for file in ("episodes.csv", "actions.npz"):
+        shutil.copyfile(result.folder / file, folder / file)
+    (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json")), encoding="utf-8")
+    return folder
+
+
+def _check_files(folder: Path) -> None:
+    """Refuse a folder with other files than a submission's, or such that are no plain files or too large."""
+    for path in folder.iterdir():
+        if path.name not in _LARGEST:
+            raise SubmissionError(f"{path.name!r} does not belong to a submission")
+    for name, largest in _LARGEST.items():
+        path = folder / name
+        if path.is_symlink() or not path.is_file():
+            raise SubmissionError(f"{name}: missing, or not a plain file")
+        if path.stat().st_size > largest:
+            raise SubmissionError(f"{name}: larger than {largest:,} bytes")
+
+
+def _shipped(summary: Mapping[str, Any]) -> str:
+    """Return the id of a summary's scenario, if it comes with the suite."""
+    name = summary["scenario"]
+    if name not in scenario_paths() or "scenario_file" in summary:
+        raise SubmissionError(f"result.scenario: {name!r} does not come with uavbench: others cannot replay it")
+    return name
+
+
+def _label(folder: Path) -> str:
+    return f"{folder.parent.name}/{folder.name}"
+
+
+def _first(error: ValidationError) -> str:
+    """Return the first thing that is wrong, with its field."""
+    first = error.errors()[0]
+    return f"{'.'.join(map(str, first['loc']))}: {first['msg'].removeprefix('Value error, ')}"
+
+
+def this_machine() -> str:
+    """Return a line about this machine's processor."""
+    try:
+        names = re.findall(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
+    except OSError:
+        names = []
+    return f"{os.cpu_count()} × {names[0] if names else platform.processor() or platform.machine()}"

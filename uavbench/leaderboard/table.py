@@ -1,0 +1,55 @@
+"""``leaderboard.csv``: the rows as anybody can read them, in per cent."""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+
+from uavbench.leaderboard.ranking import Row
+from uavbench.metrics import METRICS, Interval
+
+COLUMNS = (
+    *("scenario", "track", "rank", "name", "authors", "link", "training", "tier", "rerun_episodes", "episodes"),
+    *(f"{name}{part}" for name in METRICS for part in ("", "_low", "_high")),
+    *("iqm", "steps", "decisions_per_second", "gap_to_best_known", "gap_to_bound"),
+)
+
+
+def table_text(rows: Sequence[Row]) -> str:
+    """Return the file: scores in per cent with two digits, the same text on every machine."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for row in rows:
+        writer.writerow(
+            [
+                *(row.scenario, row.track, "" if row.rank is None else row.rank),
+                *(_plain(part) for part in (row.name, row.authors, row.link, row.training)),
+                *(row.tier, row.rerun_episodes, row.episodes),
+                *(cell for name in METRICS for cell in _cells(getattr(row, name))),
+                *(_percent(row.iqm), _number(row.steps, 1), _number(row.decisions_per_second, 0)),
+                *(_percent(row.gap_to_best), _percent(row.gap_to_bound)),
+            ]
+        )
+    return text.getvalue()
+
+
+def _cells(interval: Interval) -> list[str]:
+    return [_percent(value) for value in (interval.mean, interval.low, interval.high)]
+
+
+def _percent(value: float | None) -> str:
+    return _number(None if value is None else 100 * value, 2)
+
+
+def _number(value: float | None, digits: int) -> str:
+    """Write a number; nothing where there is none, and no minus before a zero."""
+    if value is None or math.isnan(value):
+        return ""
+    text = f"{value:.{digits}f}"
+    return text.removeprefix("-") if float(text) == 0 else text
+
+
+def _plain(text: str) -> str:
+    """Return text that a spreadsheet takes for text, whatever it begins with."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text

@@ -1,0 +1,135 @@
+"""What a picture of an episode shows, whoever draws it: coloured cells and marks on them. After the paper's Table II."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY
+from uavbench.simulator import Simulator
+from uavbench.trail import Cell, Trail
+
+Colour = tuple[int, int, int]
+
+_CITY: dict[str, Colour] = {FREE: (255, 255, 255), LANDING: (150, 178, 228), NO_FLY: (244, 176, 168), BUILDING: (96, 96, 104)}
+REMAINING: Colour = (66, 168, 84)
+COVERED: Colour = (205, 232, 208)
+PATH: Colour = (40, 40, 40)
+SHADOW = 0.75  # how bright a cell is that sees no device
+#: Of UAVs, in turn.
+UAVS: tuple[Colour, ...] = ((214, 96, 16), (36, 104, 190), (150, 60, 160), (20, 140, 140))
+#: Of devices, in turn.
+DEVICES: tuple[Colour, ...] = (
+    *((217, 119, 6), (37, 99, 235), (147, 51, 234), (13, 148, 136), (220, 38, 38)),
+    *((101, 163, 13), (219, 39, 119), (8, 145, 178), (161, 98, 7), (79, 70, 229)),
+)
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device: where, which colour, and the share of its data that is left."""
+
+    cell: Cell
+    colour: Colour
+    left: float
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A picture, not yet drawn.
+
+    Attributes
+    ----------
+    cells : ndarray of uint8, shape (M, N, 3)
+        The colour of each cell.
+    moves : list of (cell, cell, colour)
+        Moves flown, an arrow each.
+    hovers : list of (cell, colour)
+        Where a step was spent in place, a cross each.
+    starts, ends : list of (cell, colour)
+        Where UAVs began, and where those are that fly no more: diamonds.
+    uavs : list of (cell, colour)
+        Where those are that fly.
+    devices : list of Device
+    title : str
+        Movements, and CR.
+    """
+
+    cells: NDArray[np.uint8]
+    moves: list[tuple[Cell, Cell, Colour]]
+    hovers: list[tuple[Cell, Colour]]
+    starts: list[tuple[Cell, Colour]]
+    ends: list[tuple[Cell, Colour]]
+    uavs: list[tuple[Cell, Colour]]
+    devices: list[Device]
+    title: str
+
+
+@lru_cache(maxsize=32)
+def city_colours(rows: tuple[str, ...]) -> NDArray[np.uint8]:
+    """Return the colours of a map, uint8 (M, N, 3), read-only."""
+    colours = np.array([[_CITY[cell] for cell in row] for row in rows], dtype=np.uint8)
+    colours.flags.writeable = False
+    return colours
+
+
+def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
+    """Return what there is to see of the episode in slot ``i`` after a flight along ``trail``."""
+    state, harvests = simulator.state, simulator.scenario.mission.kind == "harvesting"
+    moves: list[tuple[Cell, Cell, Colour]] = []
+    hovers: list[tuple[Cell, Colour]] = []
+    starts: list[tuple[Cell, Colour]] = []
+    ends: list[tuple[Cell, Colour]] = []
+    uavs: list[tuple[Cell, Colour]] = []
+    for u, cells in enumerate(trail.cells):
+        own = UAVS[u % len(UAVS)]
+        plain = own if simulator.scenario.team else PATH
+        served = trail.served if harvests and not simulator.scenario.team else ()
+        starts.append((cells[0], plain))
+        for t, (here, there) in enumerate(pairwise(cells)):
+            colour = DEVICES[served[t] % len(DEVICES)] if served and served[t] >= 0 else plain
+            if here != there:
+                moves.append((here, there, colour))
+            elif t < len(cells) - 2 or not state.done[i, u]:  # the last action lands, or ends the budget
+                hovers.append((here, colour))
+        (ends if state.done[i, u] else uavs).append((cells[-1], plain if state.done[i, u] else own))
+    used = int((state.initial_budget[i] - state.budget[i])[: len(trail.cells)].sum())
+    cr = float(simulator.outcomes([i])["cr"][0])
+    return Scene(
+        cells=_shadowed(simulator, trail) if harvests else _covered(simulator, i, trail),
+        moves=moves,
+        hovers=hovers,
+        starts=starts,
+        ends=ends,
+        uavs=uavs,
+        devices=_devices(simulator, i, trail) if harvests else [],
+        title=f"Movement {used}/{int(state.initial_budget[i, : len(trail.cells)].sum())}, CR = {cr:.2f}",
+    )
+
+
+def _covered(simulator: Simulator, i: int, trail: Trail) -> NDArray[np.uint8]:
+    """Return the map with what is still to cover, and what was; zones shine through."""
+    colours = city_colours(simulator.scenario.rows).astype(np.float32)
+    remaining = simulator.state.target[i] > 0
+    for cells, colour in ((remaining, REMAINING), ((trail.target > 0) & ~remaining, COVERED)):
+        colours[cells] = 0.3 * colours[cells] + 0.7 * np.array(colour, dtype=np.float32)
+    return colours.astype(np.uint8)
+
+
+def _shadowed(simulator: Simulator, trail: Trail) -> NDArray[np.uint8]:
+    """Return the map, darker where fewer devices are in line of sight."""
+    return (city_colours(simulator.scenario.rows) * (1 - (1 - SHADOW) * trail.unseen)[:, :, None]).astype(np.uint8)
+
+
+def _devices(simulator: Simulator, i: int, trail: Trail) -> list[Device]:
+    """Return the devices, with what they have left of what they had."""
+    view = simulator.mission.view(i)
+    cells: Sequence[list[int]] = view["device_cell"].tolist()
+    left: Sequence[float] = view["device_data"].tolist()
+    return [
+        Device((r, c), DEVICES[d % len(DEVICES)], data / float(trail.target[r, c]))
+        for d, ((r, c), data) in enumerate(zip(cells, left, strict=True))
+    ]

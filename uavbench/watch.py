@@ -1,0 +1,33 @@
+"""A recorded episode, watched again: what there is to see after each of its steps."""
+
+from uavbench.replay import fly_recorded
+from uavbench.results import Result, ResultError
+from uavbench.scene import Scene, scene_of
+from uavbench.simulator import Simulator
+from uavbench.trail import Trail
+
+
+def recorded_scenes(result: Result, episode: int) -> list[Scene]:
+    """Fly a result's episode again; return what there is to see at the start and after every step.
+
+    Raises
+    ------
+    ResultError
+        When the result does not hold the episode, or not the whole of it.
+    """
+    actions = result.actions()
+    if episode not in actions:
+        raise ResultError(f"--episode: {episode} is not one of the episodes 0 to {len(actions) - 1} of {result.folder}")
+    trails: list[Trail] = []
+    scenes: list[Scene] = []
+
+    def watch(simulator: Simulator) -> None:
+        if trails:
+            trails[0].extend()
+        else:
+            trails.append(Trail(simulator, 0))
+        scenes.append(scene_of(simulator, 0, trails[0]))
+
+    if fly_recorded(result.scenario, result.summary["split"], episode, actions[episode], watch) is None:
+        raise ResultError(f"{result.folder / 'actions.npz'}: does not hold the actions of the whole episode {episode}")
+    return scenes
