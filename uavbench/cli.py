@@ -35,7 +35,7 @@ def main(
     """Benchmark suite for UAV path planning: coverage (CPP) and data harvesting (DH) on grid cities."""
 
 
-@app.command("list", epilog="\\b\\nExample:\\n  uavbench list")
+@app.command("list", epilog="\b\nExample:\n  uavbench list")
 def list_scenarios() -> None:
     """List the scenarios."""
     from rich.console import Console
@@ -46,7 +46,7 @@ def list_scenarios() -> None:
     Console().print(scenario_table(load_scenario(name) for name in scenario_ids()))
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench show Manhattan32-CPP-v0")
+@app.command(epilog="\b\nExample:\n  uavbench show Manhattan32-CPP-v0")
 def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")]) -> None:
     """Show a scenario's parameters and map."""
     from rich.console import Console
@@ -60,7 +60,7 @@ def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .
         raise fail(error) from None
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench new my_agent.py")
+@app.command(epilog="\b\nExample:\n  uavbench new my_agent.py")
 def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> None:
     """Write a template of an agent."""
     from uavbench.agent import AgentLoadError, write_template
@@ -72,7 +72,7 @@ def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> Non
     typer.echo(f"wrote {path}; next:  uavbench check {path}")
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench check my_agent.py")
+@app.command(epilog="\b\nExample:\n  uavbench check my_agent.py")
 def check(
     agent: Annotated[str, typer.Argument(help="path.py, path.py:Class, or a built-in's name.")],
     scenario: Annotated[
@@ -171,7 +171,7 @@ def evaluate(
         raise fail(f"interrupted; finished episodes are kept in {out}; --resume goes on", 1) from None
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
+@app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
 def replay(
     folder: ResultFolder,
     scenario: Annotated[str | None, typer.Option(help="The .toml file of a scenario of your own, if it has moved.")] = None,
@@ -195,7 +195,7 @@ def replay(
     typer.echo(f"{folder}: all {result.summary['episodes']} episodes reproduced, every number")
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench compare results/Manhattan32-CPP-v0/greedy results/Manhattan32-CPP-v0/random")
+@app.command(epilog="\b\nExample:\n  uavbench compare results/Manhattan32-CPP-v0/greedy results/Manhattan32-CPP-v0/random")
 def compare(first: ResultFolder, second: ResultFolder) -> None:
     """Compare two agents on the same episodes.
 
@@ -263,7 +263,7 @@ def bound(
         raise fail(f"interrupted; what is done is kept in {out}, and the same command goes on", 1) from None
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench freeze my_city.toml")
+@app.command(epilog="\b\nExample:\n  uavbench freeze my_city.toml")
 def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml file.")]) -> None:
     """Freeze a scenario's episodes in files.
 

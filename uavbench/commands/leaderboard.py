@@ -50,7 +50,7 @@ def submit(
         typer.echo(folder)
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench leaderboard verify leaderboard/submissions/my-agent")
+@app.command(epilog="\b\nExample:\n  uavbench leaderboard verify leaderboard/submissions/my-agent")
 def verify(folder: _Submissions, workers: _Workers = 1) -> None:
     """Replay every action of submissions and compare every number.
 
@@ -77,7 +77,7 @@ def verify(folder: _Submissions, workers: _Workers = 1) -> None:
         raise typer.Exit(1)
 
 
-@app.command(epilog="\\b\\nExample:\\n  uavbench leaderboard build leaderboard/submissions --workers 2")
+@app.command(epilog="\b\nExample:\n  uavbench leaderboard build leaderboard/submissions --workers 2")
 def build(submissions: _Submissions, workers: _Workers = 1) -> None:
     """Replay all submissions, and write leaderboard.csv and index.html beside their folder.
 
