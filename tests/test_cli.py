@@ -63,13 +63,17 @@ def test_lists_and_shows_every_scenario(call):
 
 
 def test_help_has_examples_for_every_command(call):
-    commands = [command.name or command.callback.__name__ for command in app.registered_commands]
-    assert {"list", "evaluate", "bound"} <= set(commands)
-    assert all(f"\n  {command}" in call("--help")[1] for command in commands)
-    for command in commands:
-        code, text = call(command, "--help")
+    def names(group):
+        return [command.name or command.callback.__name__ for command in group.registered_commands]
+
+    assert {"list", "evaluate", "bound", "train", "submit", "plot"} <= set(names(app))
+    assert all(f"\n  {command}" in call("--help")[1] for command in names(app))
+    nested = [(group.name, command) for group in app.registered_groups for command in names(group.typer_instance)]
+    assert ("leaderboard", "build") in nested
+    for words in [*((command,) for command in names(app)), *nested]:
+        code, text = call(*words, "--help")
         assert code == 0
-        assert f"\n    uavbench {command}" in text.split("Example")[1]
+        assert f"\n    uavbench {' '.join(words)}" in text.split("Example")[1]
         assert "\\" not in text
 
 
