@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from rich import box
 from rich.console import Console, Group
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
@@ -136,17 +137,17 @@ def _bounds(interval: Interval, sign: str = "") -> str:
 
 def leaderboard_table(rows: "Iterable[Row]") -> Table:
     """Return what `uavbench leaderboard build` prints: the scores, in per cent."""
-    table = Table(header_style="bold")
-    for column in ("scenario", "track", "rank", "agent", "Landed", "CR", "CRAL", "95 % CI", "tier"):
-        table.add_column(column, justify="left" if column in ("scenario", "track", "agent", "tier") else "right")
+    table = Table(box=box.SIMPLE_HEAD, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
+    for column in ("scenario", "track", "rank", "agent", "Landed", "CR", "CRAL", "95 % CI"):
+        table.add_column(column, justify="left" if column in ("scenario", "track", "agent") else "right", no_wrap=True)
     last = ""
     for row in rows:
         scores = [f"{100 * interval.mean:.1f}" for interval in (row.landed, row.cr, row.cral)]
-        interval = "" if row.rank is None else _bounds(row.cral)
-        if last and row.scenario != last:
+        if last not in ("", row.scenario):
             table.add_section()
         last = row.scenario
-        table.add_row(row.scenario, row.track, str(row.rank or "–"), row.name, *scores, interval, row.tier)
+        rank, interval = ("–", "published") if row.rank is None else (str(row.rank), _bounds(row.cral))
+        table.add_row(row.scenario, row.track, rank, row.name, *scores, interval)
     return table
 
 
