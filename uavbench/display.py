@@ -135,20 +135,24 @@ def _bounds(interval: Interval, sign: str = "") -> str:
     return f"[{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
 
 
-def leaderboard_table(rows: "Iterable[Row]") -> Table:
-    """Return what `uavbench leaderboard build` prints: the scores, in per cent."""
-    table = Table(box=box.SIMPLE_HEAD, header_style="bold", padding=(0, 1, 0, 0), pad_edge=False)
-    for column in ("scenario", "track", "rank", "agent", "Landed", "CR", "CRAL", "95 % CI"):
-        table.add_column(column, justify="left" if column in ("scenario", "track", "agent") else "right", no_wrap=True)
-    last = ""
+def leaderboard_tables(rows: "Iterable[Row]") -> Group:
+    """Return what `uavbench leaderboard build` prints: the scores, in per cent, a table for each track."""
+    tables: dict[str, Table] = {}
+    last: dict[str, str] = {}
     for row in rows:
+        if row.track not in tables:
+            table = tables[row.track] = Table(
+                title=f"{row.track} track", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+            )
+            for column in ("scenario", "agent", "rank", "Landed", "CR", "CRAL", "95 % CI"):
+                table.add_column(column, justify="left" if column in ("scenario", "agent") else "right", no_wrap=True)
+        if last.get(row.track, row.scenario) != row.scenario:
+            tables[row.track].add_section()
+        last[row.track] = row.scenario
         scores = [f"{100 * interval.mean:.1f}" for interval in (row.landed, row.cr, row.cral)]
-        if last not in ("", row.scenario):
-            table.add_section()
-        last = row.scenario
         rank, interval = ("–", "published") if row.rank is None else (str(row.rank), _bounds(row.cral))
-        table.add_row(row.scenario, row.track, rank, row.name, *scores, interval)
-    return table
+        tables[row.track].add_row(row.scenario, row.name, rank, *scores, interval)
+    return Group(*tables.values())
 
 
 @contextmanager

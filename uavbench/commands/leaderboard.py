@@ -85,7 +85,7 @@ def build(submissions: _Submissions, workers: _Workers = 1) -> None:
     """
     from rich.console import Console
 
-    from uavbench.display import leaderboard_table, working
+    from uavbench.display import leaderboard_tables, working
     from uavbench.leaderboard.board import build as build_board
     from uavbench.leaderboard.board import submission_folders
     from uavbench.leaderboard.submission import SubmissionError
@@ -96,7 +96,7 @@ def build(submissions: _Submissions, workers: _Workers = 1) -> None:
             board = build_board(submissions, workers, advance)
     except SubmissionError as error:
         raise fail(error) from None
-    console.print(leaderboard_table(board.rows))
+    console.print(leaderboard_tables(board.rows))
     for line in board.refused:
         fail(f"refused: {line}")
     if board.refused:
