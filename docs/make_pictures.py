@@ -1,4 +1,4 @@
-"""Make the pictures of the README and the docs: greedy's flights, drawn by ``render_mode="rgb_array"``.
+"""Make the pictures of the README and the docs: greedy's flights, and the leaderboard's page (which needs Debian's chromium).
 
 Usage: python docs/make_pictures.py
 """
@@ -14,6 +14,7 @@ import uavbench
 from uavbench.agent import find_agent
 from uavbench.state_view import StateView
 
+IMAGES = Path(__file__).parent / "images"
 FLIGHTS = (("Manhattan32-CPP-v0", 17), ("Urban50-DH-v0", 17), ("Urban50-CPP-Team-v0", 13))
 
 
@@ -34,6 +35,33 @@ def fly(name, episode):
     return before, env.render(), f"{name} #{episode}{team}: {budget - left} of {budget} actions, CR {cr:.2f}"
 
 
+def photograph():
+    """Photograph the leaderboard, with two flights beside each other."""
+    from playwright.sync_api import sync_playwright
+
+    page_file = Path(__file__).parent.parent / "leaderboard" / "index.html"
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1000, "height": 800}, color_scheme="light")
+        page.goto(page_file.as_uri())
+        page.select_option("#scenario", "Manhattan32-DH-v0")
+        page.click("tr[data-name=planner] .open")
+        page.wait_for_selector(".pane")
+        page.select_option("#second", "greedy")
+        page.wait_for_selector(".pane:nth-child(2)")
+        page.fill("#episode", "17")
+        page.dispatch_event("#episode", "change")
+        page.wait_for_timeout(500)
+        page.focus("#time")
+        page.keyboard.press("End")
+        for _ in range(25):
+            page.keyboard.press("ArrowLeft")
+        page.evaluate("document.querySelector('section').hidden = true; scrollTo(0, 0)")
+        page.screenshot(path=IMAGES / "leaderboard.png", full_page=True)
+        browser.close()
+    print(f"wrote {IMAGES / 'leaderboard.png'}")
+
+
 def main():
     """Draw the figure."""
     figure, axes = plt.subplots(len(FLIGHTS), 2, figsize=(8, 4.2 * len(FLIGHTS)), layout="constrained")
@@ -43,10 +71,11 @@ def main():
             axis.imshow(frame)
             axis.set_title(name, fontsize=8)
             axis.axis("off")
-    path = Path(__file__).parent / "images" / "greedy.png"
+    path = IMAGES / "greedy.png"
     figure.savefig(path, dpi=100)
     print(f"wrote {path}")
 
 
 if __name__ == "__main__":
     main()
+    photograph()
