@@ -94,6 +94,15 @@ def test_whatever_one_submission_breaks_the_others_are_built(submissions):
     assert {row["name"] for row in rows(submissions.parent)} >= {"greedy", "random"}
 
 
+def test_links_to_others_submissions_are_refused(submissions):
+    (submissions / "copy").symlink_to(submissions / "greedy")
+    (submissions / "mine").mkdir()
+    (submissions / "mine" / "Block8-CPP-v0").symlink_to(submissions / "greedy" / "Block8-CPP-v0")
+    refused = build(submissions).refused
+    assert [line.split(": ")[0] for line in refused] == ["copy/Block8-CPP-v0", "copy/Block8-DH-v0", "mine/Block8-CPP-v0"]
+    assert len([row for row in rows(submissions.parent) if row["name"] == "greedy"]) == 2
+
+
 def test_one_agents_folder_is_no_board(submissions):
     for folder in (submissions / "greedy", submissions / "greedy" / "Block8-CPP-v0"):
         with pytest.raises(SubmissionError, match="the folder of all"):

@@ -31,13 +31,14 @@ def submission_folders(folder: Path) -> list[Path]:
     SubmissionError
         When there is none.
     """
-    if (folder / MANIFEST).is_file():
-        return [folder.resolve()]
-    outer = [path for path in sorted(folder.glob("*")) if path.is_dir() and not path.name.startswith(".")]
+    root = folder.resolve()  # what is in it is not resolved: a link is found out as one, or by its name
+    if (root / MANIFEST).is_file():
+        return [root]
+    outer = [path for path in sorted(root.glob("*")) if path.is_dir() and not path.name.startswith(".")]
     found = [path for each in outer for path in ([each] if (each / MANIFEST).is_file() else sorted(each.iterdir()))]
     if not found:
         raise SubmissionError(f"{folder}: holds no submissions: folders <name>/<scenario> that uavbench submit wrote")
-    return [path.resolve() for path in found]
+    return found
 
 
 def verify(

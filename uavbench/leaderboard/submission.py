@@ -205,6 +205,8 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
 
 def _check_files(folder: Path) -> None:
     """Refuse a folder with other files than a submission's, or such that are no plain files or too large."""
+    if folder.is_symlink():
+        raise SubmissionError("is a link")
     for path in folder.iterdir():
         if path.name not in _LARGEST:
             raise SubmissionError(f"{path.name!r} does not belong to a submission")
