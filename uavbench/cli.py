@@ -103,7 +103,10 @@ def check(
 def evaluate(
     agent: Annotated[
         str,
-        typer.Option(help="path.py, path.py:Class, or a built-in: boustrophedon, greedy, orienteering, planner, random, tsp."),
+        typer.Option(
+            help="path.py, path.py:Class, a .safetensors or .onnx file, or a built-in: boustrophedon, ddqn, "
+            "greedy, orienteering, pilot, planner, random, tsp."
+        ),
     ],
     scenario: Annotated[
         list[str] | None,
