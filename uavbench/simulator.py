@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from uavbench.city import HOVER, LAND, NUM_ACTIONS, OFFSETS, City, city_of
 from uavbench.episode import Columns, check_number, episode_keys, frozen_columns
 from uavbench.kernel import kernel
-from uavbench.keyed import SCATTER, START, TEAM, next_integer, stream
 from uavbench.missions import mission_of
 from uavbench.options import read_budget, read_noise, read_start, read_uavs
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, SplitName
+from uavbench.starts import draw_starts, scatter_starts
 from uavbench.state import State, new_state
 
 _CUSTOM = -1
@@ -96,7 +96,7 @@ class Simulator:
     def sample(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
         """Draw the episodes of ``keys`` in the slots ``index``, frozen or not."""
         self.state.key[index] = keys
-        _start(self.state, index, self.city.landing_cells, *self.scenario.budget, *(self.scenario.uavs or (1, 1)))
+        draw_starts(self.state, index, self.city.landing_cells, *self.scenario.budget, *(self.scenario.uavs or (1, 1)))
         self.mission.sample(self.state, index)
 
     def scatter(self, index: NDArray[np.int64]) -> None:
@@ -106,7 +106,7 @@ class Simulator:
         largest are drawn from the episode's key.
         """
         free = np.argwhere(self.city.home >= 0).astype(np.int32)
-        _scatter(self.state, np.asarray(index, dtype=np.int64), free, self.city.home, self.scenario.budget[1])
+        scatter_starts(self.state, np.asarray(index, dtype=np.int64), free, self.city.home, self.scenario.budget[1])
         self._splits[index], self._numbers[index] = _CUSTOM, -1
 
     def snapshot(self) -> Columns:
@@ -270,62 +270,6 @@ class Simulator:
         state.noise[index] = True
         state.reward[index] = 0.0
         self.mission.restore(state, index, columns)
-
-
-@kernel
-def _start(
-    state: State,
-    index: NDArray[np.int64],
-    landing_cells: NDArray[np.int32],
-    low: int,
-    high: int,
-    fewest: int,
-    most: int,
-) -> None:
-    """Draw how many UAVs fly, start cells and budgets of the slots ``index``, and clear what an earlier episode left.
-
-    Cells and budgets are drawn for as many UAVs as there may be, so that those of the first do not depend on how many fly.
-    """
-    cursor = np.empty(1, dtype=np.uint64)
-    for n in range(len(index)):
-        i = int(index[n])
-        cursor[0] = stream(state.key[i], TEAM)
-        state.uavs[i] = fewest + next_integer(cursor, most - fewest + 1)
-        cursor[0] = stream(state.key[i], START)
-        for u in range(most):
-            taken = True
-            while taken:
-                cell = landing_cells[next_integer(cursor, len(landing_cells))]
-                taken = False
-                for w in range(u):
-                    taken = taken or (state.position[i, w, 0] == cell[0] and state.position[i, w, 1] == cell[1])
-                state.position[i, u] = cell
-            state.previous[i, u] = state.position[i, u]
-            state.budget[i, u] = state.initial_budget[i, u] = low + next_integer(cursor, high - low + 1)
-            state.blocked[i, u] = 0
-            state.landed[i, u] = state.done[i, u] = u >= state.uavs[i]
-            state.reward[i, u] = 0.0
-        state.noise[i] = True
-
-
-@kernel
-def _scatter(state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int) -> None:
-    """Draw cells among ``free``, and budgets that allow to land, for the UAVs of the slots ``index``."""
-    cursor = np.empty(1, dtype=np.uint64)
-    for n in range(len(index)):
-        i = int(index[n])
-        cursor[0] = stream(state.key[i], SCATTER)
-        for u in range(state.uavs[i]):
-            r, c, taken = 0, 0, True
-            while taken:
-                r, c = free[next_integer(cursor, len(free))]
-                taken = home[r, c] >= largest
-                for w in range(u):
-                    taken = taken or (state.position[i, w, 0] == r and state.position[i, w, 1] == c)
-            state.position[i, u, 0], state.position[i, u, 1] = r, c
-            state.previous[i, u] = state.position[i, u]
-            least = int(home[r, c]) + 1
-            state.budget[i, u] = state.initial_budget[i, u] = least + next_integer(cursor, largest - least + 1)
 
 
 @kernel
