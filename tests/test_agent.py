@@ -44,7 +44,7 @@ def test_it_decides_by_the_method_that_fits_the_scenario(name, alone, team):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("gredy", "built in are boustrophedon, greedy, orienteering, planner, random, tsp"),
+        ("gredy", "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp"),
         ("missing.py", "no file missing.py"),
         ("missing.py:Class", "no file missing.py"),
     ],

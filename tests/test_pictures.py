@@ -1,10 +1,15 @@
 """Results to look at: figures, films, reports, and a person who flies."""
 
-import csv
+import os
+import re
+import shutil
 import subprocess
 import sys
+from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 from typer.testing import CliRunner
@@ -16,6 +21,8 @@ from uavbench.cli import app
 from uavbench.envs.env import UAVEnv
 from uavbench.evaluate import Job
 from uavbench.play import play
+from uavbench.render import raster
+from uavbench.resources import scenario_paths
 from uavbench.results import ResultError
 from uavbench.run import run
 from uavbench.watch import recorded_scenes
@@ -42,6 +49,7 @@ def test_scenes_are_those_of_the_recorded_flight(results, name):
     row = result.episodes().iloc[17]
     scenes = recorded_scenes(result, 17)
     assert scenes[-1].title == f"Movement {row['steps']:.0f}/{row['budget']:.0f}, CR = {row['cr']:.2f}"
+    assert scenes[-1].crashes == []
     assert scenes[0].title.startswith(f"Movement 0/{row['budget']:.0f}, CR = 0.00")
     assert len(scenes) == len(result.actions()[17]) + 1
     with pytest.raises(ResultError, match="60 is not one of the episodes 0 to 59"):
@@ -80,7 +88,11 @@ def test_films_have_a_frame_for_each_step(results, tmp_path):
     assert told.exit_code == 0, told.output
     with Image.open(tmp_path / "f.gif") as film:
         assert film.n_frames == steps + 1 or film.n_frames == len({s.title for s in recorded_scenes(result, 5)})
-        assert film.size == (512, 512)
+        assert film.size == (512, 512 + 30)
+        for k in (0, film.n_frames - 1):  # in the colours of the scenes, whatever the other frames show
+            film.seek(k)
+            wanted = raster(recorded_scenes(result, 5)[0 if k == 0 else -1])
+            assert (np.asarray(film.convert("RGB"))[:512] == wanted).all()
         film.seek(film.n_frames - 1)
         assert film.info["duration"] >= 2000
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="MP4 needs imageio-ffmpeg: pip install 'uavbench[film]'")
@@ -94,14 +106,21 @@ def test_reports_hold_the_scores_and_the_figures(results, tmp_path):
     pair = [results[agent, "Block8-DH-v0"] for agent in ("greedy", "random")]
     told = uavbench_command("report", *(result.folder for result in pair), "--out", tmp_path / "r")
     assert told.exit_code == 0, told.output
-    rows = list(csv.reader((tmp_path / "r" / "comparison.csv").read_text(encoding="utf-8").splitlines()))
-    for row, result in zip(rows[1:], pair, strict=True):
-        assert row[0] == result.summary["agent"]
-        assert row[3].startswith(f"{100 * result.metrics['cral'].mean:.1f} [")
+    table = pd.read_csv(tmp_path / "r" / "comparison.csv")
+    for (_, row), result in zip(table.iterrows(), pair, strict=True):
+        assert row["agent"] == result.summary["agent"]
+        assert (row["cral"], row["cral_low"], row["cral_high"]) == pytest.approx(tuple(asdict(result.metrics["cral"]).values()))
+        assert row["steps"] == pytest.approx(result.episodes()["steps"].mean())
     difference = pair[1].metrics["cral"].mean - pair[0].metrics["cral"].mean
-    assert rows[2][4].startswith(f"{100 * difference:+.1f} [")
-    assert (tmp_path / "r" / "comparison.md").read_text().count("|") == 4 * 7
-    assert r"\begin{tabular}{lrrrrr}" in (tmp_path / "r" / "comparison.tex").read_text()
+    assert table["cral_difference"][1] == pytest.approx(difference)
+    text = (tmp_path / "r" / "comparison.md").read_text(encoding="utf-8")
+    assert text.startswith("Block8-DH-v0, test split, 60 episodes; in %")
+    assert text.count("|") == 4 * 7
+    assert f"| {100 * difference:+.1f} [".replace("-", "−") in text
+    latex = (tmp_path / "r" / "comparison.tex").read_text(encoding="utf-8")
+    assert r"\begin{tabular}{lrrrrr}" in latex
+    assert f"& {100 * abs(pair[0].metrics['cral'].mean):.1f} [" in latex
+    assert "-" not in latex.split("hline", 1)[1].replace("$-$", "")
     figures = ("cral_against_budget", "cr_against_targets", "failures_against_budget", "performance_profiles")
     for name in figures:
         with Image.open(tmp_path / "r" / f"{name}.png") as picture:
@@ -118,6 +137,84 @@ def test_results_of_different_episodes_are_not_reported_together(results, tmp_pa
     assert not (tmp_path / "r").exists()
 
 
+def damaged(result, folder, **changes):
+    """Copy a result, and change its files: text by name, or a function of the text."""
+    shutil.copytree(result.folder, folder)
+    for name, change in changes.items():
+        path = folder / name.replace("_", ".", 1)
+        path.write_text(change(path.read_text(encoding="utf-8")), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"summary_json": lambda text: text.replace('"test"', '"exam"')}, "exam"),
+        ({"summary_json": lambda text: text.replace('"scenario_digest": "', '"scenario_digest": "f')}, "another Block8-DH-v0"),
+        ({"episodes_csv": lambda text: "\n".join(text.splitlines()[:20])}, "does not hold the 60 episodes"),
+        ({"episodes_csv": lambda text: text[:2000] + "x" + text[2000:]}, "damaged"),
+    ],
+)
+def test_nothing_is_reported_of_a_damaged_result(results, tmp_path, changes, message):
+    folder = damaged(results["greedy", "Block8-DH-v0"], tmp_path / "greedy", **changes)
+    told = uavbench_command("report", folder, "--out", tmp_path / "r")
+    assert (told.exit_code, message in told.output) == (2, True), told.output
+    assert not (tmp_path / "r").exists()
+    if "summary_json" in changes:
+        for command in ("plot", "film"):
+            told = uavbench_command(command, folder, "--out", tmp_path / ("a.png" if command == "plot" else "a.gif"))
+            assert (told.exit_code, message in told.output) == (2, True), told.output
+    assert [path.name for path in tmp_path.iterdir()] == ["greedy"]
+
+
+def test_agents_of_one_name_are_told_apart(results, tmp_path):
+    folder, random = results["greedy", "Block8-DH-v0"].folder, results["random", "Block8-DH-v0"].folder
+    shutil.copytree(folder, tmp_path / "a" / "greedy")
+    shutil.copytree(folder, tmp_path / "b" / "greedy")
+    told = uavbench_command("report", tmp_path / "a" / "greedy", random, tmp_path / "b" / "greedy", "--out", tmp_path / "r")
+    assert told.exit_code == 0, told.output
+    assert pd.read_csv(tmp_path / "r" / "comparison.csv")["agent"].tolist() == ["a/greedy", "random", "b/greedy"]
+    told = uavbench_command("report", folder, folder, "--out", tmp_path / "r")
+    assert (told.exit_code, "given twice" in told.output) == (2, True)
+
+
+@pytest.mark.parametrize(("command", "name"), [("plot", "a.png"), ("film", "a.gif"), ("report", "r")])
+def test_what_cannot_be_written_is_said(results, tmp_path, command, name):
+    (tmp_path / "file").write_text("mine")
+    told = uavbench_command(command, results["greedy", "Block8-CPP-v0"].folder, "--out", tmp_path / "file" / name)
+    assert (told.exit_code, "cannot write it" in told.output) == (2, True), told.output
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_film_that_ffmpeg_did_not_finish_is_none(results, tmp_path, monkeypatch):
+    ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="MP4 needs imageio-ffmpeg: pip install 'uavbench[film]'")
+    monkeypatch.setattr(ffmpeg, "count_frames_and_secs", lambda path: (3, 0.2))
+    told = uavbench_command("film", results["greedy", "Block8-CPP-v0"].folder, "--out", tmp_path / "a.mp4")
+    assert (told.exit_code, "ffmpeg wrote 3 of" in told.output) == (2, True), told.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scenario_that_has_moved_is_asked_for(tmp_path):
+    text = scenario_paths()["Block8-CPP-v0"].read_text(encoding="utf-8")
+    mine, folder = tmp_path / "mine.toml", scenario_paths()["Block8-CPP-v0"].parent
+    text = re.sub(r"maps/\S+txt", lambda found: str(folder / found[0]), text.replace("Block8-CPP-v0", "Mine-CPP-v0"))
+    mine.write_text(text, encoding="utf-8")
+    result = run(Job(find_agent("greedy"), load_scenario(str(mine)), "train"), 2, tmp_path / "out")
+    moved = mine.rename(tmp_path / "moved.toml")
+    for command, name in (("plot", "a.png"), ("film", "a.gif"), ("report", "r")):
+        told = uavbench_command(command, result.folder, "--out", tmp_path / name)
+        assert (told.exit_code, "--scenario FILE" in told.output) == (2, True), told.output
+        told = uavbench_command(command, result.folder, "--out", tmp_path / name, "--scenario", moved)
+        assert told.exit_code == 0, told.output
+
+
+def test_submissions_are_drawn_too(tmp_path):
+    folder = Path(__file__).parent.parent / "leaderboard" / "submissions" / "greedy" / "Block8-DH-v0"
+    told = uavbench_command("plot", folder, "--out", tmp_path / "a.PNG")
+    assert told.exit_code == 0, told.output
+    assert (tmp_path / "a.PNG").read_bytes().startswith(b"\x89PNG")
+
+
 # Windows.
 
 
@@ -126,11 +223,16 @@ def test_human_shows_every_step_in_a_window():
     for env in (UAVEnv("Block8-CPP-v0", render_mode="human"), uavbench.parallel_env("Block8-DH-v0", render_mode="human")):
         env.metadata["render_fps"] = 1000
         env.reset(seed=0)
-        assert pygame.display.get_surface().get_size() == (512, 512)
+        assert pygame.display.get_surface().get_size() == (512, 512 + 30)
         before = pygame.surfarray.array3d(pygame.display.get_surface())
         env.step(2 if isinstance(env, UAVEnv) else {"uav_0": 2})
         assert (pygame.surfarray.array3d(pygame.display.get_surface()) != before).any()
         assert env.render() is None
+        pygame.event.post(pygame.event.Event(pygame.QUIT))
+        env.step(0 if isinstance(env, UAVEnv) else {"uav_0": 0})  # a closed window stays as it was
+        shown = pygame.surfarray.array3d(pygame.display.get_surface())
+        env.step(0 if isinstance(env, UAVEnv) else {"uav_0": 0})
+        assert (pygame.surfarray.array3d(pygame.display.get_surface()) == shown).all()
         env.close()
         assert pygame.display.get_surface() is None
 
@@ -139,10 +241,11 @@ class Keys:
     """A window that presses keys."""
 
     def __init__(self, keys):
-        self.keys, self.titles = list(keys), []
+        self.keys, self.titles, self.pictures = list(keys), [], []
 
     def show(self, picture, title, fps=None):
         assert picture.dtype == np.uint8
+        self.pictures.append(picture)
         self.titles.append(title)
 
     def key(self):
@@ -160,7 +263,7 @@ def test_a_person_flies_and_is_scored():
     assert [(record.episode, record.landed) for record in records] == [(3, True), (4, True)]
     assert records[0].actions[:, 0].tolist() == [3, 5]
     assert records[1].steps == 1
-    assert "landed" in window.titles[4]
+    assert (window.pictures[2][512:] != window.pictures[3][512:]).any()  # the score stands below
     assert window.keys == ["never"]
     assert window.titles[-1] == "closed"
 
@@ -178,6 +281,27 @@ def test_the_window_hears_keys_and_closing():
     pygame.event.post(pygame.event.Event(pygame.QUIT))
     assert window.key() is None
     window.close()
+
+
+def test_after_the_last_episode_comes_the_first():
+    window = Keys(["n", "q"])
+    play(load_scenario("Block8-CPP-v0"), "test", 999, window=window)
+    assert window.titles == ["Block8-CPP-v0 test 999", "Block8-CPP-v0 test 0", "closed"]
+
+
+@pytest.mark.parametrize("driver", ["", "x11"])
+def test_a_missing_display_is_said_instead_of_waiting(driver):
+    pytest.importorskip("pygame", reason="a window needs pygame-ce: pip install 'uavbench[human]'")
+    kept = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER")}
+    told = subprocess.run(
+        [sys.executable, "-c", "from uavbench.cli import app; app()", "play", "Block8-CPP-v0"],
+        env=kept | ({"SDL_VIDEODRIVER": driver} if driver else {}),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (told.returncode, "no display" in told.stderr) == (2, True), told.stderr
 
 
 def test_play_by_command_says_what_is_wrong():

@@ -52,6 +52,26 @@ def test_a_scene_shows_moves_hovers_and_the_way_home():
     assert found.title.startswith("Movement 6/9")
 
 
+def test_a_crash_is_no_landing():
+    simulator, trail = coverage((0, 0))
+    fly(simulator, trail, [SOUTH] + [HOVER] * 8)
+    found = scene_of(simulator, 0, trail)
+    assert (found.crashes, found.ends, found.uavs) == ([(1, 4)], [], [])
+    assert found.title == "Movement 9/9, CR = 0.00, crashed"
+    assert tuple(frame(simulator, 0, trail)[1 * 85 + 42 - 30, 4 * 85 + 42]) == scene.CRASH
+
+
+def test_hovers_are_seen_above_devices():
+    simulator, trail = begin(scenario(ROWS, HARVESTING, budget=(5, 40)), devices=[[1, 3, 20.0]])
+    fly(simulator, trail, [WEST, SOUTH, EAST])
+    before = frame(simulator, 0, trail)[85:170, 3 * 85 : 4 * 85]
+    simulator, trail = begin(scenario(ROWS, HARVESTING, budget=(5, 40)), devices=[[1, 3, 20.0]])
+    fly(simulator, trail, [WEST, SOUTH, HOVER, EAST])
+    after = frame(simulator, 0, trail)[85:170, 3 * 85 : 4 * 85]
+    assert len(scene_of(simulator, 0, trail).hovers) == 1
+    assert ((before != after).any(axis=2) & (after == 255).all(axis=2)).sum() > 100  # the rim of the cross
+
+
 def test_targets_change_colour_when_they_are_covered():
     simulator, trail = coverage((0, 2), (3, 0))
     before = scene_of(simulator, 0, trail).cells

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from uavbench.commands import leaderboard, learning, pictures
-from uavbench.commands.shared import ResultFolder, fail
+from uavbench.commands.shared import ResultFolder, ScenarioFile, fail
 
 app = typer.Typer(
     epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
@@ -177,7 +177,7 @@ def evaluate(
 @app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
 def replay(
     folder: ResultFolder,
-    scenario: Annotated[str | None, typer.Option(help="The .toml file of a scenario of your own, if it has moved.")] = None,
+    scenario: ScenarioFile = None,
 ) -> None:
     """Simulate a result again from its actions.
 

@@ -1,5 +1,6 @@
 """Files of arrays: the same arrays give the same bytes, and a file is written whole or not at all."""
 
+import contextlib
 import io
 import math
 import os
@@ -75,4 +76,5 @@ def write_whole(path: Path, content: bytes) -> None:
             os.fsync(file.fileno())
         temporary.replace(path)
     finally:
-        temporary.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            temporary.unlink()

@@ -1,6 +1,8 @@
-"""A flight as a film: MP4 by imageio-ffmpeg (``pip install "uavbench[film]"``), GIF by Pillow, which comes with Matplotlib."""
+"""A flight as a film: MP4 by imageio-ffmpeg (``pip install "uavbench[film]"``), GIF by Pillow."""
 
 import importlib
+import io
+import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,56 +11,101 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from uavbench.render import raster
-from uavbench.results import ResultError
+from uavbench.render import captioned, raster
+from uavbench.results import ResultError, deliver
 from uavbench.scene import Scene
 
 _LAST_SECONDS = 2.0  # how long the end is shown
+_FASTEST_GIF = 50.0  # its delays are hundredths of a second, and browsers take a single one for ten
+_PALETTE_FRAMES = 16
 
-Frames = Sequence[NDArray[np.uint8]]
+Told = Callable[[object], None]
 
 
-def save_film(scenes: Sequence[Scene], path: Path, fps: float, on_frame: Callable[[object], None] = lambda scene: None) -> None:
-    """Write scenes as a film; the file's ending says which format. It is there as a whole or not at all.
+def check_film(path: Path, fps: float) -> None:
+    """Refuse what cannot be written, before anything is flown.
 
     Raises
     ------
     ResultError
-        When the ending is neither ``.mp4`` nor ``.gif``, imageio-ffmpeg is missing for ``.mp4``, or the file cannot be written.
+        When the ending is neither ``.mp4`` nor ``.gif``, a GIF is to be too fast, or imageio-ffmpeg is missing for ``.mp4``.
     """
-    writers = {".mp4": _write_mp4, ".gif": _write_gif}
-    if path.suffix not in writers:
-        raise ResultError(f"{path}: write to a file that ends in {' or '.join(writers)}")
-    frames: list[NDArray[np.uint8]] = []
-    for scene in scenes:
-        frames.append(raster(scene))
-        on_frame(scene)
-    unfinished = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        writers[path.suffix](frames, unfinished, fps)
-        unfinished.replace(path)
-    except OSError as error:
-        raise ResultError(f"{path}: cannot write it: {error}") from None
-    finally:
-        unfinished.unlink(missing_ok=True)
+    ending = path.suffix.lower()
+    if ending not in _WRITERS:
+        raise ResultError(f"{path}: write to a file that ends in {' or '.join(_WRITERS)}")
+    if ending == ".gif" and fps > _FASTEST_GIF:
+        raise ResultError(f"--fps {fps:g}: a GIF has {_FASTEST_GIF:g} frames a second at most; write an .mp4")
+    if ending == ".mp4":
+        _ffmpeg()
 
 
-def _write_mp4(frames: Frames, path: Path, fps: float) -> None:
+def save_film(scenes: Sequence[Scene], path: Path, fps: float, on_frame: Told = lambda scene: None) -> None:
+    """Write scenes as a film; the file's ending says which format. It is there as a whole or as it was before.
+
+    Raises
+    ------
+    ResultError
+        As `check_film`, or when the file cannot be written.
+    """
+    check_film(path, fps)
+    deliver(path, _WRITERS[path.suffix.lower()](scenes, fps, on_frame))
+
+
+def _frame(scene: Scene) -> NDArray[np.uint8]:
+    return captioned(raster(scene), scene.title)
+
+
+def _ffmpeg() -> Any:
     try:
-        ffmpeg: Any = importlib.import_module("imageio_ffmpeg")
+        return importlib.import_module("imageio_ffmpeg")
     except ImportError:
         raise ResultError('.mp4 needs imageio-ffmpeg: pip install "uavbench[film]"; .gif does not') from None
-    height, width, _ = frames[0].shape
-    writer = ffmpeg.write_frames(str(path), (width, height), fps=fps, macro_block_size=2, output_params=["-crf", "20"])
-    writer.send(None)
-    for picture in (*frames, *[frames[-1]] * round(_LAST_SECONDS * fps)):
-        writer.send(np.ascontiguousarray(picture))
-    writer.close()
 
 
-def _write_gif(frames: Frames, path: Path, fps: float) -> None:
-    colours = Image.fromarray(frames[-1]).quantize(255)  # one palette: what does not change is not written again
-    pictures = [Image.fromarray(picture).quantize(palette=colours, dither=Image.Dither.NONE) for picture in frames]
-    durations = [round(1000 / fps)] * (len(pictures) - 1) + [round(1000 * _LAST_SECONDS)]
-    pictures[0].save(path, save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=False)
+def _mp4(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
+    """Return the film; ffmpeg does not say that it failed, so what it wrote is counted."""
+    ffmpeg, last = _ffmpeg(), _frame(scenes[-1])
+    height, width, _ = last.shape
+    wanted = len(scenes) + round(_LAST_SECONDS * fps)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "film.mp4"
+        try:
+            writer = ffmpeg.write_frames(str(path), (width, height), fps=fps, macro_block_size=2, output_params=["-crf", "20"])
+            writer.send(None)
+            for k in range(wanted):
+                writer.send(np.ascontiguousarray(_frame(scenes[k]) if k < len(scenes) else last))
+                if k < len(scenes):
+                    on_frame(scenes[k])
+            writer.close()
+            written = ffmpeg.count_frames_and_secs(str(path))[0]
+        except (OSError, RuntimeError) as error:
+            raise ResultError(f"ffmpeg could not make the film: {str(error).strip().splitlines()[0]}") from None
+        if written != wanted:
+            raise ResultError(f"ffmpeg wrote {written} of {wanted} frames: is there room in {folder}?")
+        return path.read_bytes()
+
+
+def _gif(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
+    """Return the film, in one palette of its own colours: so what does not change from frame to frame is not written again."""
+    picked: list[int] = np.linspace(0, len(scenes) - 1, min(len(scenes), _PALETTE_FRAMES)).astype(int).tolist()
+    some = [_frame(scenes[k]) for k in picked]
+    colours = np.unique(np.concatenate([picture.reshape(-1, 3) for picture in some]), axis=0)
+    palette = Image.new("P", (1, 1))
+    if len(colours) <= 256:
+        palette.putpalette(colours.astype(np.uint8).tobytes())
+    else:
+        palette = Image.fromarray(np.concatenate(some)).quantize(256, dither=Image.Dither.NONE)
+    pictures: list[Image.Image] = []
+    for scene in scenes:
+        pictures.append(Image.fromarray(_frame(scene)).quantize(palette=palette, dither=Image.Dither.NONE))
+        on_frame(scene)
+    ends = np.round(np.arange(1, len(pictures)) * 100 / fps).astype(int)  # in hundredths of a second
+    durations = [*(10 * np.diff(ends, prepend=0)).tolist(), round(1000 * _LAST_SECONDS)]
+    buffer = io.BytesIO()
+    pictures[0].save(
+        buffer, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=False, disposal=1
+    )
+    return buffer.getvalue()
+
+
+_WRITERS = {".mp4": _mp4, ".gif": _gif}

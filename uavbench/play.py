@@ -5,8 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from uavbench.city import EAST, HOVER, LAND, NORTH, SOUTH, WEST
+from uavbench.episode import split_size
 from uavbench.evaluate import EpisodeRecord
-from uavbench.render import raster
+from uavbench.render import captioned, raster
 from uavbench.replay import fly_recorded
 from uavbench.scenario import Scenario, ScenarioError, SplitName
 from uavbench.scene import scene_of
@@ -22,9 +23,10 @@ KEYS = {
     "space": HOVER,
     "h": HOVER,
     "return": LAND,
+    "enter": LAND,  # of the keypad
     "l": LAND,
 }
-HELP = "arrows fly, space hovers, return lands, r starts again, n takes the next episode, q ends"
+HELP = ("arrows fly, space hovers, return lands", "r starts again, n takes the next episode, q ends")
 
 
 def play(
@@ -42,6 +44,8 @@ def play(
         When the scenario is for a team.
     ValueError
         When the split has no such episode.
+    WindowError
+        When there is no display.
     """
     if scenario.team:
         raise ScenarioError(f"{scenario.id} is for a team: choose a scenario for one UAV")
@@ -49,7 +53,7 @@ def play(
     simulator, step = Simulator(scenario, 1), 0
     try:
         while step is not None:
-            episode += step
+            episode = (episode + step) % split_size(scenario, split)
             simulator.reset([0], split, [episode])
             step = _fly(simulator, split, episode, window, on_end)
     finally:
@@ -64,8 +68,8 @@ def _fly(
     actions: list[int] = []
     while True:
         scene = scene_of(simulator, 0, trail)
-        ended = "" if not state.done[0, 0] else " · landed" if state.landed[0, 0] else " · crashed"
-        window.show(raster(scene), f"{simulator.scenario.id} {split} {episode}: {scene.title}{ended} · {HELP}")
+        title = f"{simulator.scenario.id} {split} {episode}"
+        window.show(captioned(raster(scene), scene.title + _ended(simulator), *HELP), title)
         key = window.key()
         if key in (None, "q", "escape"):
             return None
@@ -79,3 +83,11 @@ def _fly(
                 record = fly_recorded(simulator.scenario, split, episode, np.array(actions, dtype=np.uint8)[:, None])
                 assert record is not None
                 on_end(record)
+
+
+def _ended(simulator: Simulator) -> str:
+    """Return how the episode has ended, with its score; nothing before it has."""
+    if not simulator.state.done[0, 0]:
+        return ""
+    cral = float(simulator.outcomes([0])["cral"][0])
+    return f"{', landed' if simulator.state.landed[0, 0] else ''}, CRAL = {cral:.2f}"

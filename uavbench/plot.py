@@ -1,5 +1,6 @@
 """A flight as a figure for a paper, after the paper's Fig. 2 and Table II: PNG, SVG or PDF."""
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -8,100 +9,101 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Wedge
+from matplotlib.ticker import MaxNLocator
 
 from uavbench import scene as shown
-from uavbench.results import ResultError
-from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
-from uavbench.scene import Colour, Scene
+from uavbench.results import ResultError, deliver
+from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY, Scenario
+from uavbench.scene import Cell, Colour, Scene
 
 FORMATS = ("png", "svg", "pdf")
-_INCHES = 5.0
+_WHITE: Colour = (255, 255, 255)
+_INCHES, _TALLEST = 5.0, 7.5
+_POINTS = 66.0  # in an inch of the figure's width, once the axes have their labels
 
 
-def save_plot(scene: Scene, path: Path, scenario: Scenario) -> None:
-    """Draw a scene with its legend to a file, whose ending says which format.
+def check_plot(path: Path) -> None:
+    """Refuse, by a ResultError, a file that ends in none of `FORMATS`."""
+    if path.suffix.lower().removeprefix(".") not in FORMATS:
+        raise ResultError(f"{path}: write to a file that ends in {', '.join('.' + each for each in FORMATS)}")
+
+
+def save_plot(scene: Scene, path: Path) -> None:
+    """Draw a scene with its legend to a file, whose ending says which format. It is there as a whole or as it was before.
 
     Raises
     ------
     ResultError
         When the ending is none of `FORMATS`, or the file cannot be written.
     """
-    if path.suffix.removeprefix(".") not in FORMATS:
-        raise ResultError(f"{path}: write to a file that ends in {', '.join('.' + each for each in FORMATS)}")
-    figure: Any = draw(scene, scenario)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, dpi=200)
-    except OSError as error:
-        raise ResultError(f"{path}: cannot write it: {error.strerror}") from None
+    check_plot(path)
+    figure: Any = draw(scene)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=200, format=path.suffix.lower().removeprefix("."))
+    deliver(path, buffer.getvalue())
 
 
-def draw(scene: Scene, scenario: Scenario) -> Figure:
+def draw(scene: Scene) -> Figure:
     """Return the figure of a scene."""
-    rows, cols = scenario.shape
-    figure: Any = Figure(figsize=(_INCHES, _INCHES * (rows / cols) + 1.3), layout="constrained")
+    rows, cols, _ = scene.cells.shape
+    height = min(_INCHES * rows / cols, _TALLEST)
+    figure: Any = Figure(figsize=(_INCHES, height + 1.1), layout="constrained")
     axes = figure.subplots()
     axes.imshow(scene.cells, interpolation="nearest")
+    cell = _POINTS * min(_INCHES / cols, height / rows)  # points that a cell has
     for (r0, c0), (r1, c1), colour in scene.moves:
-        axes.annotate(
-            "",
-            (c1, r1),
-            (c0, r0),
-            arrowprops={"arrowstyle": "-|>", "color": _hex(colour), "lw": 1.1, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 5},
-        )
-    _marks(axes, [cell for cell, _ in scene.hovers], [colour for _, colour in scene.hovers], "x", 22, rows)
+        arrow = {"color": _hex(colour), "lw": 0.11 * cell, "mutation_scale": 0.5 * cell, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate("", (c1, r1), (c0, r0), arrowprops={"arrowstyle": "-|>", **arrow})
     for device in scene.devices:
         (r, c), colour = device.cell, _hex(device.colour)
-        axes.add_patch(Wedge((c, r), 0.62, 0, 360, facecolor="white", edgecolor=colour, lw=1.2, zorder=3))
-        axes.add_patch(Wedge((c, r), 0.5, 90 - 360 * device.left, 90, facecolor=colour, zorder=4))
-    for marks in (scene.starts, scene.ends):
-        _marks(axes, [cell for cell, _ in marks], [colour for _, colour in marks], "D", 26, rows)
-    _marks(axes, [cell for cell, _ in scene.uavs], [colour for _, colour in scene.uavs], "o", 30, rows)
-    axes.set(
-        title=scene.title, xticks=range(0, cols, 5), yticks=range(0, rows, 5), xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5)
-    )
+        ring = Wedge((c, r), 0.62, 0, 360, facecolor="white", edgecolor=colour, lw=0.12 * cell, zorder=3, clip_on=False)
+        axes.add_patch(ring)
+        axes.add_patch(Wedge((c, r), 0.5, 90 - 360 * device.left, 90, facecolor=colour, zorder=4, clip_on=False))
+    _marks(axes, scene.hovers, "x", 0.45 * cell)
+    _marks(axes, [*scene.starts, *scene.ends], "D", 0.5 * cell)
+    _marks(axes, [(cell, shown.CRASH) for cell in scene.crashes], "X", 0.7 * cell)
+    _marks(axes, scene.uavs, "o", 0.8 * cell, edgecolors="white")
+    axes.set(title=scene.title, xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(8, integer=True, steps=[1, 2, 5, 10]))
     axes.tick_params(labelsize=6)
-    figure.legend(handles=legend(scenario), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
+    figure.legend(handles=legend(scene.scenario), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
     return figure
 
 
-def _marks(axes: Any, cells: Sequence[shown.Cell], colours: Sequence[Colour], marker: str, area: float, rows: int) -> None:
-    if cells:
-        r, c = np.array(cells).T
-        axes.scatter(c, r, s=area * 32 / rows, marker=marker, c=[_hex(colour) for colour in colours], linewidths=1.1, zorder=5)
+def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: float, **more: Any) -> None:
+    """Draw marks of one shape, so many points wide."""
+    if marks:
+        r, c = np.array([cell for cell, _ in marks]).T
+        colours = [_hex(colour) for _, colour in marks]
+        more = {"linewidths": 0.1 * points, **more}
+        axes.scatter(c, r, s=points**2, marker=shape, c=colours, zorder=5, clip_on=False, **more)
 
 
 def legend(scenario: Scenario) -> list[Any]:
     """Return the entries of the paper's Table II that the mission has."""
-    city = shown.city_colours(("".join((LANDING, NO_FLY, BUILDING)),))[0].tolist()
+    free, landing, no_fly, building = shown.city_colours(("".join((FREE, LANDING, NO_FLY, BUILDING)),))[0]
     coverage = scenario.mission.kind == "coverage"
-    patches = {"start and landing zone": city[0], "no-fly zone": city[1], "building": city[2]}
+    patches = {"start and landing zone": landing, "no-fly zone": no_fly, "building": building}
     if coverage:
-        patches |= {"target to cover": shown.REMAINING, "covered target": shown.COVERED}
+        patches |= {"target to cover": shown.blend(free, shown.REMAINING), "covered target": shown.blend(free, shown.COVERED)}
     else:
-        patches |= {"shadowed from devices": tuple(round(255 * shown.SHADOW) for _ in range(3))}
-    lines = {"start and end": "D", "hover": "x"}
+        patches |= {"darker: in sight of fewer devices": free * shown.SHADOW}
     found: list[Any] = [Patch(facecolor=_hex(colour), edgecolor="0.7", label=name) for name, colour in patches.items()]
-    found += [
-        Line2D([], [], marker=mark, ls="", color=_hex(shown.PATH), markersize=4, label=name) for name, mark in lines.items()
-    ]
-    moving = "movement" if coverage or scenario.team else "movement (of the served device)"
-    found.append(Line2D([], [], marker=">", color=_hex(shown.PATH), markersize=4, lw=1, label=moving))
+    found += [_line("D", "", "start and end"), _line("x", "", "hover"), _line("X", "", "crash", shown.CRASH)]
+    if scenario.team:
+        found += [_line(">", "-", f"UAV {u}", shown.UAVS[u % len(shown.UAVS)]) for u in range(scenario.most_uavs)]
+    else:
+        found.append(_line(">", "-", "movement" if coverage else "movement (served device)"))
     if not coverage:
-        found.append(
-            Line2D(
-                [],
-                [],
-                marker="o",
-                ls="",
-                markerfacecolor="white",
-                color=_hex(shown.DEVICES[0]),
-                markersize=6,
-                label="device, with the data left",
-            )
-        )
+        found.append(_line("o", "", "device, with the data left", shown.DEVICES[0], markerfacecolor="white", markersize=6))
     return found
 
 
-def _hex(colour: Sequence[int]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*colour)
+def _line(marker: str, style: str, label: str, colour: Colour = shown.PATH, **more: Any) -> Line2D:
+    options: dict[str, Any] = {"markersize": 4, "lw": 1, **more}
+    return Line2D([], [], marker=marker, ls=style, color=_hex(colour), label=label, **options)
+
+
+def _hex(colour: Any) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*(round(float(part)) for part in colour))

@@ -4,12 +4,14 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
 
-from uavbench.scene import Colour, Scene, scene_of
+from uavbench.scene import CRASH, PATH, Colour, Scene, scene_of
 from uavbench.simulator import Simulator
 from uavbench.trail import Cell, Trail
 
 _FRAME = 512  # pixels of the longer side, about
+_LINE = 20  # pixels of a line of text
 _WHITE: Colour = (255, 255, 255)
 
 
@@ -39,16 +41,32 @@ def raster(scene: Scene) -> NDArray[np.uint8]:
             left * size + half - thick : right * size + half + thick,
         ] = colour
         _stamp(large, _arrow(size, r1 - r0, c1 - c0), ((r0 + r1) / 2, (c0 + c1) / 2), colour)
-    for cell, colour in scene.hovers:
-        _stamp(large, _cross(size), cell, colour)
     for device in scene.devices:
         _stamp(large, _disc(size, 0.62), device.cell, device.colour)
         _stamp(large, _disc(size, 0.48) & ~_pie(size, round(12 * device.left)), device.cell, _WHITE)
+    for cell, colour in scene.hovers:  # above the devices that one hovers at, which may have the same colour
+        _stamp(large, _cross(size, 0.38, 0.2), cell, _WHITE)
+        _stamp(large, _cross(size, 0.32, 0.1), cell, colour)
     for cell, colour in (*scene.starts, *scene.ends):
-        _stamp(large, _diamond(size), cell, colour)
+        _stamp(large, _diamond(size, 0.5), cell, colour)
+    for cell in scene.crashes:
+        _stamp(large, _diamond(size, 0.65), cell, CRASH)
+        _stamp(large, _cross(size, 0.28, 0.1), cell, _WHITE)
     for cell, colour in scene.uavs:
-        _stamp(large, _disc(size, 0.46), cell, colour)
+        for radius, ring in ((0.6, _WHITE), (0.5, PATH), (0.36, _WHITE), (0.26, colour)):
+            _stamp(large, _disc(size, radius), cell, ring)
     return large
+
+
+def captioned(picture: NDArray[np.uint8], *lines: str) -> NDArray[np.uint8]:
+    """Return a picture with lines of text below it."""
+    width = picture.shape[1]
+    strip = Image.new("RGB", (width, _LINE * len(lines) + _LINE // 2), _WHITE)
+    pen = ImageDraw.Draw(strip)
+    pen.fontmode = "1"  # without greys between: a film's palette is small
+    for k, line in enumerate(lines):
+        pen.text((_LINE // 3, _LINE // 4 + k * _LINE), line, PATH, ImageFont.load_default(_LINE * 0.72))
+    return np.concatenate([picture, np.asarray(strip)])
 
 
 def text(simulator: Simulator, i: int, trail: Trail) -> str:
@@ -99,16 +117,16 @@ def _pie(size: int, twelfths: int) -> NDArray[np.bool_]:
 
 
 @lru_cache(maxsize=64)
-def _diamond(size: int) -> NDArray[np.bool_]:
+def _diamond(size: int, radius: float) -> NDArray[np.bool_]:
     down, right = _offsets(size)
-    return np.abs(down) + np.abs(right) < 0.5
+    return np.abs(down) + np.abs(right) < radius
 
 
 @lru_cache(maxsize=64)
-def _cross(size: int) -> NDArray[np.bool_]:
+def _cross(size: int, radius: float, thick: float) -> NDArray[np.bool_]:
     down, right = _offsets(size)
-    near = np.minimum(np.abs(down - right), np.abs(down + right)) < 0.13
-    return near & (np.maximum(np.abs(down), np.abs(right)) < 0.3)
+    near = np.minimum(np.abs(down - right), np.abs(down + right)) < thick
+    return near & (np.maximum(np.abs(down), np.abs(right)) < radius)
 
 
 @lru_cache(maxsize=64)

@@ -11,7 +11,7 @@ from uavbench.episode import check_split, split_size
 from uavbench.evaluate import NO_ACTION, EpisodeRecord
 from uavbench.metrics import METRICS, Comparison, compare
 from uavbench.results import COLUMNS, Result, ResultError, metrics_of
-from uavbench.scenario import Scenario, SplitName, load_scenario
+from uavbench.scenario import Scenario, ScenarioError, SplitName, load_scenario
 from uavbench.simulator import Simulator
 
 
@@ -36,16 +36,7 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
         When the scenario's digest is not the result's, or a file is damaged.
     """
     summary = result.summary
-    scenario = load_scenario(scenario_file) if scenario_file else result.scenario
-    if scenario.digest != summary["scenario_digest"]:
-        raise ResultError(
-            f"{result.folder}: scenario_digest: the result is of another {scenario.id} "
-            f"({summary['scenario_digest'][:12]}…, this one is {scenario.digest[:12]}…)"
-        )
-    try:
-        split = check_split(summary["split"])
-    except ValueError as error:
-        raise ResultError(f"{result.folder / 'summary.json'}: {error}") from None
+    scenario, split = flown_in(result, scenario_file)
     table, actions = result.episodes(), result.actions()
     expected = list(range(summary["episodes"]))
     for name, found in (("episodes.csv", table["episode"].tolist()), ("actions.npz", list(actions))):
@@ -76,6 +67,37 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
             if not abs(value - said) <= max(tolerance, 1e-9):
                 wrong.append(f"summary.json: metrics.{name}.{part} is {value:g}, it says {said}")
     return wrong
+
+
+def flown_in(result: Result, scenario_file: str | None = None) -> tuple[Scenario, SplitName]:
+    """Return the scenario and the split of a result.
+
+    Parameters
+    ----------
+    result : Result
+    scenario_file : str, optional
+        Where the scenario is, if it is a user's own and not where it was.
+
+    Raises
+    ------
+    ResultError
+        When the scenario is not there or has another digest than the result's, or there is no such split.
+    """
+    summary = result.summary
+    try:
+        scenario = load_scenario(scenario_file) if scenario_file else result.scenario
+    except ScenarioError as error:
+        hint = "" if scenario_file else "; if the scenario has moved: --scenario FILE"
+        raise ResultError(f"{result.folder}: {error}{hint}") from None
+    if scenario.digest != summary["scenario_digest"]:
+        raise ResultError(
+            f"{result.folder}: scenario_digest: the result is of another {scenario.id} "
+            f"({summary['scenario_digest'][:12]}…, this one is {scenario.digest[:12]}…)"
+        )
+    try:
+        return scenario, check_split(summary["split"])
+    except ValueError as error:
+        raise ResultError(f"{result.folder}: split: {error}") from None
 
 
 def fly_recorded(

@@ -1,96 +1,176 @@
 """Results in tables and figures: a folder that a paper can take from."""
 
-from collections.abc import Callable, Sequence
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from uavbench.display import NAMES
 from uavbench.metrics import METRICS, Interval, compare, mean_interval, proportion_interval
-from uavbench.replay import check_paired
-from uavbench.results import Result, ResultError
+from uavbench.replay import check_paired, flown_in
+from uavbench.results import Result, ResultError, deliver
+from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _BINS = 8
 _FORMATS = ("png", "pdf")
+_MARKERS = "osD^vP"
+_INTERVALS = "95 % confidence intervals"
 
 
-def write_report(results: Sequence[Result], folder: Path, on_file: Callable[[Path], None] = lambda path: None) -> None:
-    """Write the tables and figures of results on the same episodes.
+@dataclass(frozen=True)
+class Compared:
+    """What a report is of: results on the same episodes.
 
-    ``comparison.md``, ``.tex`` and ``.csv``; ``cral_against_budget``, ``cr_against_targets``, ``failures_against_budget`` and
-    ``performance_profiles`` as PNG and PDF.
+    Attributes
+    ----------
+    names : list of str
+        Of the agents, no two alike.
+    results : sequence of Result
+    tables : list of DataFrame
+        Their episodes.
+    scenario : Scenario
+    split : str
+    """
+
+    names: list[str]
+    results: Sequence[Result]
+    tables: list[Any]
+    scenario: Scenario
+    split: SplitName
+
+    @property
+    def subject(self) -> str:
+        """Scenario, split and number of episodes."""
+        return f"{self.scenario.id}, {self.split} split, {len(self.tables[0]):,} episodes"
+
+
+def write_report(
+    results: Sequence[Result],
+    folder: Path,
+    on_file: Callable[[Path], object] = lambda path: None,
+    scenario_file: str | None = None,
+) -> None:
+    """Write the tables and figures of results on the same episodes: `FILES`.
+
+    Parameters
+    ----------
+    results : sequence of Result
+    folder : Path
+        Where to; it need not be there. Nothing is written before everything is computed.
+    on_file : callable, optional
+        Told of every file.
+    scenario_file : str, optional
+        Where the scenario is, if it is a user's own and not where it was.
 
     Raises
     ------
     ResultError
-        When there are none, or they are not of the same scenario, split and episodes.
+        When there are none, one is there twice or damaged, or they are not of the same scenario, split and episodes.
     """
+    compared = _compare(results, scenario_file)
+    rows = _comparison(compared)
+    files = {
+        "comparison.md": _markdown(rows, compared.subject).encode(),
+        "comparison.tex": _latex(rows, compared.subject).encode(),
+        "comparison.csv": _numbers(compared).to_csv(index=False, lineterminator="\n").encode(),
+    }
+    for name, draw in _FIGURES.items():
+        figure = draw(compared)
+        for ending in _FORMATS:
+            buffer = io.BytesIO()
+            figure.savefig(buffer, dpi=200, format=ending)
+            files[f"{name}.{ending}"] = buffer.getvalue()
+    for name, content in files.items():
+        deliver(folder / name, content)
+        on_file(folder / name)
+
+
+def _compare(results: Sequence[Result], scenario_file: str | None) -> Compared:
+    """Look whether results can be compared."""
     if not results:
         raise ResultError("no results: give folders that uavbench evaluate wrote")
+    folders = [result.folder.resolve() for result in results]
+    for k, folder in enumerate(folders):
+        if folder in folders[:k]:
+            raise ResultError(f"{results[k].folder}: given twice")
+    scenario, split = flown_in(results[0], scenario_file)
     for other in results[1:]:
         check_paired(results[0], other)
-    names = _names(results)
-    folder.mkdir(parents=True, exist_ok=True)
-    tables = _comparison(results, names)
-    for ending, text in {"md": _markdown(tables), "tex": _latex(tables), "csv": _csv(tables)}.items():
-        path = folder / f"comparison.{ending}"
-        path.write_text(text, encoding="utf-8")
-        on_file(path)
-    figures = {
-        "cral_against_budget": _against(results, names, "budget", "cral"),
-        "cr_against_targets": _against(results, names, _amount_name(results[0]), "cr"),
-        "failures_against_budget": _against(results, names, "budget", "failed"),
-        "performance_profiles": _profiles(results, names),
-    }
-    for name, figure in figures.items():
-        for ending in _FORMATS:
-            path = folder / f"{name}.{ending}"
-            figure.savefig(path, dpi=200)
-            on_file(path)
+    tables = [result.episodes() for result in results]
+    for result, table in zip(results, tables, strict=True):
+        if table["episode"].tolist() != list(range(result.summary["episodes"])):
+            raise ResultError(f"{result.folder / 'episodes.csv'}: does not hold the {result.summary['episodes']} episodes")
+    return Compared(_names(results, folders), results, tables, scenario, split)
 
 
-def _names(results: Sequence[Result]) -> list[str]:
-    """Return the agents' names; folders, where two are of one name."""
-    names = [result.summary["agent"] for result in results]
-    return names if len(set(names)) == len(names) else [str(result.folder) for result in results]
+def _names(results: Sequence[Result], folders: Sequence[Path]) -> list[str]:
+    """Return the agents' names; for those of one name as much of their folders' paths as tells them apart."""
+    names: list[str] = [result.summary["agent"] for result in results]
+    alike = [k for k, name in enumerate(names) if names.count(name) > 1]
+    for parts in range(1, 100):
+        ends = {k: "/".join(folders[k].parts[-parts:]) for k in alike}
+        if len(set(ends.values())) == len(alike):
+            return [ends.get(k, name) for k, name in enumerate(names)]
+    return [str(folder) for folder in folders]
 
 
 # Tables.
 
 
-def _comparison(results: Sequence[Result], names: Sequence[str]) -> list[list[str]]:
-    """Return the rows of the table, the head first: scores, and differences in CRAL to the first result."""
-    first = results[0].episodes()["cral"].to_numpy(np.float64)
-    rows = [["agent", *(NAMES[name] for name in METRICS), f"CRAL − {names[0]}", "steps"]]
-    for result, name in zip(results, names, strict=True):
-        table = result.episodes()
-        difference = "" if result is results[0] else _cell(compare(table["cral"].to_numpy(np.float64), first).difference, "+")
-        scores = [_cell(interval) for interval in result.metrics.values()]
-        rows.append([name, *scores, difference, f"{table['steps'].mean():.1f}"])
+def _numbers(compared: Compared) -> "pd.DataFrame":
+    """Return the table as numbers, shares in [0, 1]: scores, differences in CRAL to the first result, and steps."""
+    import pandas as pd
+
+    first = compared.tables[0]["cral"].to_numpy(np.float64)
+    rows: list[dict[str, Any]] = []
+    for name, result, table in zip(compared.names, compared.results, compared.tables, strict=True):
+        row: dict[str, Any] = {"agent": name, "episodes": len(table)}
+        intervals = dict(result.metrics)
+        if table is not compared.tables[0]:
+            intervals["cral_difference"] = compare(table["cral"].to_numpy(np.float64), first).difference
+        for metric, interval in intervals.items():
+            row |= {metric: interval.mean, f"{metric}_low": interval.low, f"{metric}_high": interval.high}
+        rows.append({**row, "steps": table["steps"].mean()})
+    steps = [row.pop("steps") for row in rows]
+    return pd.DataFrame(rows).assign(steps=steps)
+
+
+def _comparison(compared: Compared) -> list[list[str]]:
+    """Return the rows of the table as people read it, the head first."""
+    rows = [["agent", *(NAMES[name] for name in METRICS), f"CRAL − {compared.names[0]}", "steps"]]
+    for row in _numbers(compared).to_dict("records"):
+        scores = [_cell(row, name) for name in METRICS]
+        difference = "" if len(rows) == 1 else _cell(row, "cral_difference", "+")
+        rows.append([row["agent"], *scores, difference, f"{row['steps']:.1f}"])
     return rows
 
 
-def _cell(interval: Interval, sign: str = "") -> str:
-    return f"{100 * interval.mean:{sign}.1f} [{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
+def _cell(row: Mapping[Any, Any], name: str, sign: str = "") -> str:
+    mean, low, high = (f"{100 * row[name + part]:{sign}.1f}".replace("-", "−") for part in ("", "_low", "_high"))
+    return f"{mean} [{low}, {high}]"
 
 
-def _markdown(rows: Sequence[Sequence[str]]) -> str:
+def _markdown(rows: Sequence[Sequence[str]], subject: str) -> str:
     lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
     lines.insert(1, "| --- |" + " ---: |" * (len(rows[0]) - 1))
-    return "\n".join(lines) + "\n"
+    return "\n".join([f"{subject}; in %, with {_INTERVALS}; steps are means.", "", *lines]) + "\n"
 
 
-def _latex(rows: Sequence[Sequence[str]]) -> str:
-    escaped = [[_tex(cell) for cell in row] for row in rows]
-    head, *body = [" & ".join(row) + r" \\" for row in escaped]
+def _latex(rows: Sequence[Sequence[str]], subject: str) -> str:
+    head, *body = [" & ".join(_tex(cell) for cell in row) + r" \\" for row in rows]
     columns = "l" + "r" * (len(rows[0]) - 1)
-    return (
-        "\n".join([rf"\begin{{tabular}}{{{columns}}}", r"\hline", head, r"\hline", *body, r"\hline", r"\end{tabular}"]) + "\n"
-    )
+    begin = [f"% {subject}; in %, with {_INTERVALS}; steps are means.", rf"\begin{{tabular}}{{{columns}}}"]
+    return "\n".join([*begin, r"\hline", head, r"\hline", *body, r"\hline", r"\end{tabular}"]) + "\n"
 
 
 def _tex(text: str) -> str:
@@ -99,47 +179,50 @@ def _tex(text: str) -> str:
     return text
 
 
-def _csv(rows: Sequence[Sequence[str]]) -> str:
-    import csv
-    import io
-
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
-
-
 # Figures.
 
 
-def _amount_name(result: Result) -> str:
-    return "devices" if result.scenario.mission.kind == "harvesting" else "share of target cells, %"
+def _budgets(compared: Compared) -> NDArray[np.float64]:
+    return compared.tables[0]["budget"].to_numpy(np.float64)
 
 
-def _amounts(result: Result) -> NDArray[np.float64]:
+def _amounts(compared: Compared) -> NDArray[np.float64]:
     """Return, for each episode, the number of devices or the share of cells that are targets, in per cent."""
-    scenario, numbers = result.scenario, result.episodes()["episode"].tolist()
-    simulator = Simulator(scenario, len(numbers))
-    simulator.reset(range(len(numbers)), result.summary["split"], numbers)
+    numbers = compared.tables[0]["episode"].tolist()
+    simulator = Simulator(compared.scenario, len(numbers))
+    simulator.reset(range(len(numbers)), compared.split, numbers)
     there = (simulator.state.target > 0).sum(axis=(1, 2)).astype(np.float64)
-    return there if scenario.mission.kind == "harvesting" else 100 * there / simulator.state.target[0].size
+    return there if compared.scenario.mission.kind == "harvesting" else 100 * there / simulator.state.target[0].size
 
 
-def _against(results: Sequence[Result], names: Sequence[str], by: str, metric: str) -> Any:
-    """Return the figure of a metric's means over episodes alike in budget, targets or devices."""
-    label = {"cral": "CRAL, %", "cr": "CR, %", "failed": "not landed, %"}[metric]
-    figure, axes = _figure(by if by != "budget" else "movement budget", label)
-    x = results[0].episodes()["budget"].to_numpy(np.float64) if by == "budget" else _amounts(results[0])
+def _cral_against_budget(compared: Compared) -> Any:
+    return _against(compared, _budget_name(compared), "CRAL, %", _budgets(compared), lambda table: table["cral"])
+
+
+def _cr_against_targets(compared: Compared) -> Any:
+    harvests = compared.scenario.mission.kind == "harvesting"
+    label = "devices" if harvests else "share of target cells, %"
+    return _against(compared, label, "CR, %", _amounts(compared), lambda table: table["cr"])
+
+
+def _failures_against_budget(compared: Compared) -> Any:
+    return _against(compared, _budget_name(compared), "not landed, %", _budgets(compared), lambda table: table["landed"] == 0)
+
+
+def _budget_name(compared: Compared) -> str:
+    return "movement budget, all UAVs together" if compared.scenario.team else "movement budget"
+
+
+def _against(compared: Compared, across: str, up: str, x: NDArray[np.float64], metric: Callable[[Any], Any]) -> Any:
+    """Return the figure of a metric's means over episodes alike in ``x``."""
+    figure, axes = _figure(compared, across, up)
+    axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     groups = _groups(x)
-    for result, name in zip(results, names, strict=True):
-        table = result.episodes()
-        if metric == "failed":
-            failed = table["landed"].to_numpy() == 0
-            found = [proportion_interval(failed[group]) for group in groups]
-        else:
-            values = table[metric].to_numpy(np.float64)
-            found = [mean_interval(values[group]) for group in groups]
-        middle = [float(x[group].mean()) for group in groups]
-        _band(axes, middle, found, name)
+    middle = [float(x[group].mean()) for group in groups]
+    for k, (name, table) in enumerate(zip(compared.names, compared.tables, strict=True)):
+        values = metric(table).to_numpy()
+        interval = proportion_interval if values.dtype == np.bool_ else mean_interval
+        _band(axes, k, middle, [interval(values[group]) for group in groups], name, marker=_MARKERS[k % len(_MARKERS)])
     axes.legend(fontsize=8)
     return figure
 
@@ -154,27 +237,42 @@ def _groups(x: NDArray[np.float64]) -> list[NDArray[np.int64]]:
     return [np.flatnonzero(place == k) for k in range(len(edges) - 1) if (place == k).any()]
 
 
-def _profiles(results: Sequence[Result], names: Sequence[str]) -> Any:
+def _performance_profiles(compared: Compared) -> Any:
     """Return the figure of performance profiles: on which share of episodes CRAL is above τ (Agarwal et al., NeurIPS 2021)."""
-    figure, axes = _figure("CRAL τ, %", "episodes with CRAL above τ, %")
-    levels = np.linspace(0.0, 1.0, 101)
-    for result, name in zip(results, names, strict=True):
-        cral = result.episodes()["cral"].to_numpy(np.float64)
-        _band(axes, (100 * levels).tolist(), [proportion_interval(cral > level) for level in levels], name, marker="")
+    figure, axes = _figure(compared, "CRAL τ, %", "episodes with CRAL above τ, %")
+    levels = np.arange(100) / 100  # no CRAL is above 1
+    for k, (name, table) in enumerate(zip(compared.names, compared.tables, strict=True)):
+        cral = table["cral"].to_numpy(np.float64)
+        _band(axes, k, (100 * levels).tolist(), [proportion_interval(cral > level) for level in levels], name)
     axes.legend(fontsize=8)
     return figure
 
 
-def _figure(across: str, up: str) -> tuple[Any, Any]:
+def _figure(compared: Compared, across: str, up: str) -> tuple[Any, Any]:
     figure: Any = Figure(figsize=(5.0, 3.4), layout="constrained")
     axes = figure.subplots()
+    axes.set_title(compared.subject, fontsize=8)
     axes.set(xlabel=across, ylabel=up)
     axes.grid(alpha=0.3)
     return figure, axes
 
 
-def _band(axes: Any, x: Sequence[float], found: Sequence[Interval], name: str, marker: str = "o") -> None:
-    """Draw means with the band of their intervals."""
-    (line,) = axes.plot(x, [100 * each.mean for each in found], marker=marker, markersize=3.5, lw=1.4, label=name)
+def _band(axes: Any, k: int, x: Sequence[float], found: Sequence[Interval], name: str, marker: str = "") -> None:
+    """Draw the means of agent ``k`` with the band of their intervals; dashes show lines that lie on each other."""
+    dashes = "-" if k == 0 else (0, (4, 1 + k))
+    (line,) = axes.plot(x, [100 * each.mean for each in found], ls=dashes, marker=marker, ms=4, mfc="none", lw=1.4, label=name)
     low, high = [100 * each.low for each in found], [100 * each.high for each in found]
     axes.fill_between(x, low, high, color=line.get_color(), alpha=0.18, lw=0)
+
+
+_FIGURES = {
+    "cral_against_budget": _cral_against_budget,
+    "cr_against_targets": _cr_against_targets,
+    "failures_against_budget": _failures_against_budget,
+    "performance_profiles": _performance_profiles,
+}
+#: The files of a report.
+FILES = (
+    *(f"comparison.{ending}" for ending in ("md", "tex", "csv")),
+    *(f"{name}.{ending}" for name in _FIGURES for ending in _FORMATS),
+)

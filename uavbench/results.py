@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.evaluate import EpisodeRecord, Job
-from uavbench.files import pack_arrays, unpack_arrays
+from uavbench.files import pack_arrays, unpack_arrays, write_whole
 from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
@@ -106,6 +106,20 @@ class Result:
             return dict(zip(table["episodes"].tolist(), parts, strict=True))
         except (OSError, KeyError, ValueError, TypeError, IndexError) as error:
             raise ResultError(f"{path}: damaged: {error}") from None
+
+
+def deliver(path: Path, content: bytes) -> None:
+    """Write a file that is made of results: as a whole, or it stays as it was.
+
+    Raises
+    ------
+    ResultError
+        When it cannot be written.
+    """
+    try:
+        write_whole(path, content)
+    except OSError as error:
+        raise ResultError(f"{path}: cannot write it: {error.strerror or error}") from None
 
 
 def load_result(folder: Path) -> Result:

@@ -6,9 +6,9 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY
+from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY, Scenario
 from uavbench.simulator import Simulator
 from uavbench.trail import Cell, Trail
 
@@ -19,8 +19,9 @@ REMAINING: Colour = (66, 168, 84)
 COVERED: Colour = (205, 232, 208)
 PATH: Colour = (40, 40, 40)
 SHADOW = 0.75  # how bright a cell is that sees no device
-#: Of UAVs, in turn.
-UAVS: tuple[Colour, ...] = ((214, 96, 16), (36, 104, 190), (150, 60, 160), (20, 140, 140))
+CRASH: Colour = (200, 16, 16)
+#: Of UAVs, in turn: darker than those of devices.
+UAVS: tuple[Colour, ...] = ((16, 40, 128), (136, 16, 56), (8, 92, 48), (92, 72, 8))
 #: Of devices, in turn.
 DEVICES: tuple[Colour, ...] = (
     *((217, 119, 6), (37, 99, 235), (147, 51, 234), (13, 148, 136), (220, 38, 38)),
@@ -50,12 +51,16 @@ class Scene:
     hovers : list of (cell, colour)
         Where a step was spent in place, a cross each.
     starts, ends : list of (cell, colour)
-        Where UAVs began, and where those are that fly no more: diamonds.
+        Where UAVs began, and where those are that landed: diamonds.
+    crashes : list of cell
+        Where those are that crashed: red diamonds with a cross.
     uavs : list of (cell, colour)
         Where those are that fly.
     devices : list of Device
     title : str
         Movements, and CR.
+    scenario : Scenario
+        What is flown in.
     """
 
     cells: NDArray[np.uint8]
@@ -63,9 +68,11 @@ class Scene:
     hovers: list[tuple[Cell, Colour]]
     starts: list[tuple[Cell, Colour]]
     ends: list[tuple[Cell, Colour]]
+    crashes: list[Cell]
     uavs: list[tuple[Cell, Colour]]
     devices: list[Device]
     title: str
+    scenario: Scenario
 
 
 @lru_cache(maxsize=32)
@@ -83,6 +90,7 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
     hovers: list[tuple[Cell, Colour]] = []
     starts: list[tuple[Cell, Colour]] = []
     ends: list[tuple[Cell, Colour]] = []
+    crashes: list[Cell] = []
     uavs: list[tuple[Cell, Colour]] = []
     for u, cells in enumerate(trail.cells):
         own = UAVS[u % len(UAVS)]
@@ -95,18 +103,28 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
                 moves.append((here, there, colour))
             elif t < len(cells) - 2 or not state.done[i, u]:  # the last action lands, or ends the budget
                 hovers.append((here, colour))
-        (ends if state.done[i, u] else uavs).append((cells[-1], plain if state.done[i, u] else own))
+        if not state.done[i, u]:
+            uavs.append((cells[-1], own))
+        elif state.landed[i, u]:
+            ends.append((cells[-1], plain))
+        else:
+            crashes.append(cells[-1])
     used = int((state.initial_budget[i] - state.budget[i])[: len(trail.cells)].sum())
     cr = float(simulator.outcomes([i])["cr"][0])
+    title = (
+        f"Movement {used}/{int(state.initial_budget[i, : len(trail.cells)].sum())}, CR = {cr if cr == 1 else min(cr, 0.99):.2f}"
+    )
     return Scene(
         cells=_shadowed(simulator, trail) if harvests else _covered(simulator, i, trail),
         moves=moves,
         hovers=hovers,
         starts=starts,
         ends=ends,
+        crashes=crashes,
         uavs=uavs,
         devices=_devices(simulator, i, trail) if harvests else [],
-        title=f"Movement {used}/{int(state.initial_budget[i, : len(trail.cells)].sum())}, CR = {cr:.2f}",
+        title=f"{title}, crashed" if crashes else title,
+        scenario=simulator.scenario,
     )
 
 
@@ -115,13 +133,19 @@ def _covered(simulator: Simulator, i: int, trail: Trail) -> NDArray[np.uint8]:
     colours = city_colours(simulator.scenario.rows).astype(np.float32)
     remaining = simulator.state.target[i] > 0
     for cells, colour in ((remaining, REMAINING), ((trail.target > 0) & ~remaining, COVERED)):
-        colours[cells] = 0.3 * colours[cells] + 0.7 * np.array(colour, dtype=np.float32)
+        colours[cells] = blend(colours[cells], colour)
     return colours.astype(np.uint8)
 
 
+def blend(under: ArrayLike, colour: Colour) -> NDArray[np.float32]:
+    """Return colours as they shine through another."""
+    return (0.3 * np.asarray(under, dtype=np.float32) + 0.7 * np.array(colour, dtype=np.float32)).astype(np.float32)
+
+
 def _shadowed(simulator: Simulator, trail: Trail) -> NDArray[np.uint8]:
-    """Return the map, darker where fewer devices are in line of sight."""
-    return (city_colours(simulator.scenario.rows) * (1 - (1 - SHADOW) * trail.unseen)[:, :, None]).astype(np.uint8)
+    """Return the map, darker where fewer devices are in line of sight; buildings have nothing to see."""
+    unseen = np.where(simulator.city.building, 0.0, trail.unseen)
+    return (city_colours(simulator.scenario.rows) * (1 - (1 - SHADOW) * unseen)[:, :, None]).astype(np.uint8)
 
 
 def _devices(simulator: Simulator, i: int, trail: Trail) -> list[Device]:

@@ -1,22 +1,31 @@
 """A recorded episode, watched again: what there is to see after each of its steps."""
 
-from uavbench.replay import fly_recorded
+from uavbench.episode import split_size
+from uavbench.replay import flown_in, fly_recorded
 from uavbench.results import Result, ResultError
 from uavbench.scene import Scene, scene_of
 from uavbench.simulator import Simulator
 from uavbench.trail import Trail
 
 
-def recorded_scenes(result: Result, episode: int) -> list[Scene]:
+def recorded_scenes(result: Result, episode: int, scenario_file: str | None = None) -> list[Scene]:
     """Fly a result's episode again; return what there is to see at the start and after every step.
+
+    Parameters
+    ----------
+    result : Result
+    episode : int
+    scenario_file : str, optional
+        Where the scenario is, if it is a user's own and not where it was.
 
     Raises
     ------
     ResultError
-        When the result does not hold the episode, or not the whole of it.
+        When the scenario is not the result's, or the result does not hold the episode, or not the whole of it.
     """
+    scenario, split = flown_in(result, scenario_file)
     actions = result.actions()
-    if episode not in actions:
+    if episode not in actions or episode >= split_size(scenario, split):
         raise ResultError(f"--episode: {episode} is not one of the episodes 0 to {len(actions) - 1} of {result.folder}")
     trails: list[Trail] = []
     scenes: list[Scene] = []
@@ -28,6 +37,6 @@ def recorded_scenes(result: Result, episode: int) -> list[Scene]:
             trails.append(Trail(simulator, 0))
         scenes.append(scene_of(simulator, 0, trails[0]))
 
-    if fly_recorded(result.scenario, result.summary["split"], episode, actions[episode], watch) is None:
+    if fly_recorded(scenario, split, episode, actions[episode], watch) is None:
         raise ResultError(f"{result.folder / 'actions.npz'}: does not hold the actions of the whole episode {episode}")
     return scenes

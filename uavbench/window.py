@@ -1,14 +1,26 @@
 """A window that shows frames and hears keys. Needs pygame-ce: ``pip install "uavbench[human]"``."""
 
 import importlib
+import os
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+_REPEAT = (300, 80)  # milliseconds until a key that is held down is heard again, and from then on
+
+
+class WindowError(RuntimeError):
+    """A window that cannot be opened; the message says what is missing."""
+
 
 class Window:
     """A window, opened at its first picture.
+
+    Attributes
+    ----------
+    closed : bool
+        The user has closed it: nothing is shown any more.
 
     Raises
     ------
@@ -23,31 +35,56 @@ class Window:
             raise ImportError('a window needs pygame-ce: pip install "uavbench[human]"') from None
         self._screen: Any = None
         self._clock: Any = None
+        self.closed = False
 
     def show(self, picture: NDArray[np.uint8], title: str, fps: float | None = None) -> None:
-        """Show a picture, uint8 (rows, columns, 3), no more than ``fps`` of them a second."""
+        """Show a picture, uint8 (rows, columns, 3), no more than ``fps`` of them a second.
+
+        Raises
+        ------
+        WindowError
+            When there is no display.
+        """
         pygame = self._pygame
+        if self._screen is not None and pygame.event.peek(pygame.QUIT):
+            self.closed = True
+        if self.closed:
+            return
         size = (picture.shape[1], picture.shape[0])
         if self._screen is None or self._screen.get_size() != size:
-            pygame.display.init()
-            self._screen = pygame.display.set_mode(size)
-            self._clock = pygame.time.Clock()
+            self._open(size)
         pygame.display.set_caption(title)
-        self._screen.blit(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), (0, 0))
+        screen: Any = self._screen
+        screen.blit(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), (0, 0))
         pygame.event.pump()
         pygame.display.flip()
         if fps is not None:
             self._clock.tick(fps)
 
+    def _open(self, size: tuple[int, int]) -> None:
+        pygame = self._pygame
+        try:
+            pygame.display.init()
+            # without a display SDL falls back to one that nobody sees, and would wait for keys for ever
+            if pygame.display.get_driver() == "offscreen" and os.environ.get("SDL_VIDEODRIVER") != "offscreen":
+                pygame.display.quit()
+                raise WindowError("there is no display to open a window on")
+            self._screen = pygame.display.set_mode(size)
+        except pygame.error as error:
+            raise WindowError(f"there is no display to open a window on: {error}") from None
+        pygame.key.set_repeat(*_REPEAT)
+        self._clock = pygame.time.Clock()
+
     def key(self) -> str | None:
         """Wait for a key and return its name; None when the window was closed."""
         pygame = self._pygame
-        while True:
+        while not self.closed:
             event = pygame.event.wait()
             if event.type == pygame.QUIT:
-                return None
+                self.closed = True
             if event.type == pygame.KEYDOWN:
                 return pygame.key.name(event.key)
+        return None
 
     def close(self) -> None:
         """Close the window, if it is open."""

@@ -5,58 +5,68 @@ from typing import Annotated
 
 import typer
 
-from uavbench.commands.shared import ResultFolder, fail
+from uavbench.commands.shared import ScenarioFile, fail, flown
 
 _Episode = Annotated[int, typer.Option(min=0, help="Which episode.")]
+_Flown = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission's.")]
 
 
 def plot(
-    folder: ResultFolder,
+    folder: _Flown,
     episode: _Episode = 0,
     out: Annotated[
-        Path | None, typer.Option(help="A .png, .svg or .pdf file; by default FOLDER's name in this folder.")
+        Path | None, typer.Option(help="A .png, .svg or .pdf file; by default <scenario>-<agent>-<episode>.png.")
     ] = None,
+    scenario: ScenarioFile = None,
 ) -> None:
     """Draw a flight of a result, as the paper's figure 2 does.
 
     The title says how many movements of the budget were made, and the CR.
     """
     from uavbench import ScenarioError
-    from uavbench.plot import save_plot
-    from uavbench.results import ResultError, load_result
+    from uavbench.leaderboard.submission import SubmissionError
+    from uavbench.plot import check_plot, save_plot
+    from uavbench.results import ResultError
     from uavbench.watch import recorded_scenes
 
     try:
-        result = load_result(folder)
+        result = flown(folder)
         path = out or Path(f"{result.summary['scenario']}-{result.summary['agent']}-{episode}.png")
-        save_plot(recorded_scenes(result, episode)[-1], path, result.scenario)
-    except (ResultError, ScenarioError) as error:
+        check_plot(path)
+        save_plot(recorded_scenes(result, episode, scenario)[-1], path)
+    except (ResultError, ScenarioError, SubmissionError) as error:
         raise fail(error) from None
     typer.echo(path)
 
 
 def film(
-    folder: ResultFolder,
+    folder: _Flown,
     episode: _Episode = 0,
-    out: Annotated[Path | None, typer.Option(help="An .mp4 or .gif file; by default FOLDER's name in this folder.")] = None,
+    out: Annotated[Path | None, typer.Option(help="An .mp4 or .gif file; by default <scenario>-<agent>-<episode>.mp4.")] = None,
     fps: Annotated[float, typer.Option(min=0.1, max=120, help="Steps shown a second.")] = 8.0,
+    scenario: ScenarioFile = None,
 ) -> None:
-    """Make a film of a flight of a result. Needs the extra film."""
+    """Make a film of a flight of a result.
+
+    MP4 needs the extra film; GIF does not.
+    """
     from rich.console import Console
 
     from uavbench import ScenarioError
     from uavbench.display import working
-    from uavbench.film import save_film
-    from uavbench.results import ResultError, load_result
+    from uavbench.film import check_film, save_film
+    from uavbench.leaderboard.submission import SubmissionError
+    from uavbench.results import ResultError
     from uavbench.watch import recorded_scenes
 
     try:
-        result = load_result(folder)
+        result = flown(folder)
         path = out or Path(f"{result.summary['scenario']}-{result.summary['agent']}-{episode}.mp4")
-        scenes = recorded_scenes(result, episode)
-        with working(Console(stderr=True), "drawing", len(scenes)) as advance:
+        check_film(path, fps)
+        scenes = recorded_scenes(result, episode, scenario)
+        with working(Console(stderr=True), "filming", len(scenes)) as advance:
             save_film(scenes, path, fps, advance)
-    except (ResultError, ScenarioError) as error:
+    except (ResultError, ScenarioError, SubmissionError) as error:
         raise fail(error) from None
     typer.echo(path)
 
@@ -73,13 +83,14 @@ def play(
     from uavbench import ScenarioError, load_scenario
     from uavbench.episode import check_number, check_split
     from uavbench.play import play as fly
+    from uavbench.window import WindowError
 
     try:
         loaded = load_scenario(scenario)
         checked = check_split(split)
         check_number(loaded, checked, episode)
         fly(loaded, checked, episode, lambda record: typer.echo(_score(record.episode, record.landed, record.cr, record.cral)))
-    except (ScenarioError, ValueError, ImportError) as error:
+    except (ScenarioError, ValueError, ImportError, WindowError) as error:
         raise fail(error) from None
 
 
@@ -88,19 +99,26 @@ def _score(episode: int, landed: bool, cr: float, cral: float) -> str:
 
 
 def report(
-    folders: Annotated[list[Path], typer.Argument(help="Folders that evaluate wrote, of the same episodes.")],
+    folders: Annotated[list[Path], typer.Argument(help="Folders that evaluate wrote, of the same episodes, or submissions'.")],
     out: Annotated[Path, typer.Option(help="The folder to write.")] = Path("report"),
+    scenario: ScenarioFile = None,
 ) -> None:
     """Write tables and figures that compare results.
 
     The comparison as Markdown, LaTeX and CSV; CRAL and failures to land against the budget, CR against targets or devices, and
     performance profiles, as PNG and PDF.
     """
+    from rich.console import Console
+
     from uavbench import ScenarioError
-    from uavbench.report import write_report
-    from uavbench.results import ResultError, load_result
+    from uavbench.display import working
+    from uavbench.leaderboard.submission import SubmissionError
+    from uavbench.report import FILES, write_report
+    from uavbench.results import ResultError
 
     try:
-        write_report([load_result(folder) for folder in folders], out, typer.echo)
-    except (ResultError, ScenarioError) as error:
+        with working(Console(stderr=True), "writing", len(FILES)) as advance:
+            write_report([flown(folder) for folder in folders], out, advance, scenario)
+    except (ResultError, ScenarioError, SubmissionError) as error:
         raise fail(error) from None
+    typer.echo(f"wrote {out}: {', '.join(FILES)}")

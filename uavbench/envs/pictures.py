@@ -65,10 +65,10 @@ class Pictures:
         """Show slot 0 in the window."""
         if self._mode != "human":
             return
-        from uavbench.render import raster
+        from uavbench.render import captioned, raster
         from uavbench.scene import scene_of
         from uavbench.window import Window
 
         self._window = self._window or Window()
         scene = scene_of(self._simulator, 0, self._trails[0])
-        self._window.show(raster(scene), f"{self._simulator.scenario.id}: {scene.title}", METADATA["render_fps"])
+        self._window.show(captioned(raster(scene), scene.title), self._simulator.scenario.id, METADATA["render_fps"])
