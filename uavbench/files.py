@@ -24,13 +24,13 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -
     return buffer.getvalue()
 
 
-def unpack_arrays(content: bytes) -> dict[str, NDArray[Any]]:
+def unpack_arrays(content: bytes, most: int = _MOST_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz`` file, whoever wrote it: nothing is run, and no more is unpacked than is allowed.
 
     Raises
     ------
     ValueError
-        When the bytes are not such a file, or one that holds objects, names with paths, or more than 256 MB.
+        When the bytes are not such a file, or one that holds objects, names with paths, or more than ``most`` bytes.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as table:
@@ -38,8 +38,8 @@ def unpack_arrays(content: bytes) -> dict[str, NDArray[Any]]:
             names = [member.filename.removesuffix(".npy") for member in members]
             if not all(name.isidentifier() for name in names) or len(set(names)) < len(names):
                 raise ValueError("its arrays are not named each once and plainly")
-            if sum(member.file_size for member in members) > _MOST_BYTES:
-                raise ValueError("it would unpack to more than 256 MB")
+            if sum(member.file_size for member in members) > most:
+                raise ValueError(f"it would unpack to more than {most >> 20} MB")
             return {name: _read_array(table, member) for name, member in zip(names, members, strict=True)}
     except (zipfile.BadZipFile, zlib.error, OSError, EOFError, KeyError, RuntimeError) as error:
         raise ValueError(f"not an .npz file: {error}") from None

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -186,12 +187,18 @@ def gaps(result: Result) -> Gaps | None:
     ResultError
         When the reference is damaged or of another scenario.
     """
-    if result.summary["split"] != SPLIT:
-        return None
-    scenario = result.scenario
-    known = load_reference(reference_path(scenario), scenario)
     table = result.episodes()
-    rows = [(known[number], cral) for number, cral in zip(table["episode"], table["cral"], strict=True) if number in known]
+    return gaps_of(result.scenario, table) if result.summary["split"] == SPLIT else None
+
+
+def gaps_of(scenario: Scenario, table: Any) -> Gaps | None:
+    """Return, as `gaps`, how far flights on test episodes are from what is known: the columns ``episode`` and ``cral``."""
+    known = load_reference(reference_path(scenario), scenario)
+    rows = [
+        (known[number], cral)
+        for number, cral in zip(table["episode"].tolist(), table["cral"].tolist(), strict=True)
+        if number in known
+    ]
     bound = np.array([k.upper_bound - cral for k, cral in rows])
     best = np.array([k.best_known - cral for k, cral in rows])
     if not rows or np.isnan([bound, best]).all():

@@ -18,6 +18,14 @@ from uavbench.simulator import Simulator
 def replay(result: Result, scenario_file: str | None = None) -> list[str]:
     """Simulate the actions of a result again and compare every number.
 
+    As `fly_all_recorded`, of which it is the second part.
+    """
+    return fly_all_recorded(result, scenario_file)[1]
+
+
+def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[list[EpisodeRecord], list[str]]:
+    """Simulate the actions of a result again.
+
     Parameters
     ----------
     result : Result
@@ -27,8 +35,10 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
 
     Returns
     -------
-    list of str
-        What differs, a line each; empty when every number is reproduced.
+    records : list of EpisodeRecord
+        What was flown; the result's numbers are not in it.
+    wrong : list of str
+        What of the result differs from that, a line each; empty when every number is reproduced.
 
     Raises
     ------
@@ -41,7 +51,7 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
     expected = list(range(summary["episodes"]))
     for name, found in (("episodes.csv", table["episode"].tolist()), ("actions.npz", list(actions))):
         if found != expected or not 0 < len(expected) <= split_size(scenario, split):
-            return [f"{name} does not hold the episodes 0 to {len(expected) - 1}, each once and in order"]
+            return [], [f"{name} does not hold the episodes 0 to {len(expected) - 1}, each once and in order"]
     wrong: list[str] = []
     flown: list[EpisodeRecord] = []
     # CPP is exact on any machine; DH but for the last digits of a platform's logarithm.
@@ -57,7 +67,7 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
             if not abs(value - float(row[column])) <= tolerance:  # so that NaN differs
                 wrong.append(f"episode {number}: {column} is {value:g}, episodes.csv says {row[column]}")
     if wrong:
-        return wrong
+        return flown, wrong
     counted = sum(record.steps for record in flown)
     if summary["decisions"] != counted:
         wrong.append(f"summary.json: decisions is {counted}, it says {summary['decisions']}")
@@ -66,7 +76,7 @@ def replay(result: Result, scenario_file: str | None = None) -> list[str]:
             said = getattr(result.metrics[name], part)
             if not abs(value - said) <= max(tolerance, 1e-9):
                 wrong.append(f"summary.json: metrics.{name}.{part} is {value:g}, it says {said}")
-    return wrong
+    return flown, wrong
 
 
 def flown_in(result: Result, scenario_file: str | None = None) -> tuple[Scenario, SplitName]:

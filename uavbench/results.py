@@ -3,6 +3,7 @@
 The files of a result are put in their place together, or not at all.
 """
 
+import csv
 import json
 import platform
 import shutil
@@ -36,6 +37,9 @@ COLUMNS = {
     "blocked": "blocked",
     "return": "total_reward",
 }
+
+
+_MOST_BYTES = 2**26  # of a result's actions; those of the paper's scenarios take 0.2 MB
 
 
 class ResultError(ValueError):
@@ -78,11 +82,15 @@ class Result:
         import pandas as pd
 
         path = self.folder / "episodes.csv"
+        kinds = [float if name in ("cr", "cral", "return") else int for name in COLUMNS]
         try:
+            head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines(), strict=True)
+            if head != list(COLUMNS):
+                raise ValueError(f"its columns are not {','.join(COLUMNS)}")
             # Python's float() reads back to the last bit what was written; pandas' own parser need not.
-            table = pd.read_csv(path, converters=dict.fromkeys(("cr", "cral", "return"), float))
-            return table[list(COLUMNS)].astype({name: int for name in COLUMNS if name not in ("cr", "cral", "return")})
-        except (OSError, KeyError, ValueError, OverflowError) as error:
+            values = [[kind(cell) for kind, cell in zip(kinds, row, strict=True)] for row in rows]
+            return pd.DataFrame(values, columns=list(COLUMNS)).astype(dict(zip(COLUMNS, kinds, strict=True)))
+        except (OSError, ValueError, OverflowError, csv.Error) as error:
             raise ResultError(f"{path}: damaged: {error}") from None
 
     def actions(self) -> dict[int, NDArray[np.uint8]]:
@@ -95,7 +103,10 @@ class Result:
         """
         path = self.folder / "actions.npz"
         try:
-            table = unpack_arrays(path.read_bytes())
+            table = unpack_arrays(path.read_bytes(), _MOST_BYTES)
+            episodes: int = self.summary["episodes"]
+            if table["episodes"].shape != (episodes,) or table["offsets"].shape != (episodes + 1,):
+                raise ValueError(f"does not hold the episodes 0 to {episodes - 1}")
             actions, offsets = (
                 table["actions"].astype(np.uint8, casting="equiv"),
                 table["offsets"].astype(np.int64, casting="same_kind"),
@@ -168,6 +179,14 @@ def metrics_of(records: Sequence[EpisodeRecord]) -> dict[str, Interval]:
     return summarise(landed, cr, cral)
 
 
+def table_of(records: Sequence[EpisodeRecord]) -> "pd.DataFrame":
+    """Return what ``episodes.csv`` holds of records."""
+    import pandas as pd
+
+    table = pd.DataFrame({column: [getattr(r, field) for r in records] for column, field in COLUMNS.items()})
+    return table.assign(landed=table["landed"].astype(int))
+
+
 def identity(job: Job, episodes: int) -> dict[str, Any]:
     """Return what makes two evaluations the same; it stands in the summary."""
     return {
@@ -184,8 +203,6 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
 
 def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
     """Write a result's files beside ``folder`` and then put them in its place, all at once."""
-    import pandas as pd
-
     decisions = sum(record.steps for record in records)
     shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
     summary: dict[str, Any] = {
@@ -204,8 +221,6 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
             "platform": platform.platform(),
         },
     }
-    table = pd.DataFrame({column: [getattr(r, field) for r in records] for column, field in COLUMNS.items()})
-    table["landed"] = table["landed"].astype(int)
     actions = {
         "actions": np.concatenate([record.actions for record in records]),
         "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
@@ -218,7 +233,7 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
         shutil.rmtree(leftover, ignore_errors=True)
     new.mkdir(parents=True)
     (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    table.to_csv(new / "episodes.csv", index=False, lineterminator="\n")
+    table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
     (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))
     if folder.exists():
         folder.replace(old)

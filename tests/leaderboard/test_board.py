@@ -3,10 +3,14 @@
 import csv
 import io
 import re
+import shutil
+import tomllib
 
 import pytest
+import tomli_w
 from typer.testing import CliRunner
 
+from uavbench.agent import find_agent
 from uavbench.cli import app
 from uavbench.leaderboard.board import build, submission_folders, verify
 from uavbench.leaderboard.reruns import load_reruns
@@ -99,8 +103,68 @@ def test_links_to_others_submissions_are_refused(submissions):
     (submissions / "mine").mkdir()
     (submissions / "mine" / "Block8-CPP-v0").symlink_to(submissions / "greedy" / "Block8-CPP-v0")
     refused = build(submissions).refused
-    assert [line.split(": ")[0] for line in refused] == ["copy/Block8-CPP-v0", "copy/Block8-DH-v0", "mine/Block8-CPP-v0"]
+    assert [line.split(": ")[0] for line in refused] == ["submissions/copy", "mine/Block8-CPP-v0"]
     assert len([row for row in rows(submissions.parent) if row["name"] == "greedy"]) == 2
+
+
+def test_whatever_else_is_there_is_refused_and_does_not_stop_the_rest(submissions):
+    (submissions / "manifest.toml").write_text("")
+    (submissions / "evil").mkdir()
+    (submissions / "evil" / "manifest.toml").write_text("")
+    (submissions / "empty").mkdir()
+    (submissions / ".hidden").mkdir()
+    (submissions / "nowhere").symlink_to("/nowhere")
+    (submissions / "a\x1b[31mb").mkdir()
+    refused = build(submissions).refused
+    assert [line.split(": ")[0] for line in refused] == [
+        f"submissions/{name}" for name in (".hidden", "a?[31mb", "empty", "evil", "manifest.toml", "nowhere")
+    ]
+    assert {row["name"] for row in rows(submissions.parent)} >= {"greedy", "random"}
+
+
+def test_a_refusal_is_a_line_that_shows_what_it_says(submissions):
+    path = submissions / "greedy" / "Block8-CPP-v0" / "manifest.toml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text('"\\u001b[2K\\u001b[1Gall 1000 episodes reproduced' + "z" * 20_000 + '" = 1\n' + text, encoding="utf-8")
+    (line,) = build(submissions).refused
+    assert line.startswith("greedy/Block8-CPP-v0: ")
+    assert line.isprintable()
+    assert len(line) < 400
+
+
+def test_numbers_are_those_of_the_replay(submissions):
+    """A digit that the tolerance of DH lets through makes nobody better: ranks are those of what was flown."""
+    copy = submissions / "copy" / "Block8-DH-v0"
+    shutil.copytree(submissions / "random" / "Block8-DH-v0", copy)
+    manifest = copy / "manifest.toml"
+    manifest.write_text(manifest.read_text(encoding="utf-8").replace('name = "random"', 'name = "copy"'), encoding="utf-8")
+    head, *lines = [line.split(",") for line in (copy / "episodes.csv").read_text(encoding="utf-8").splitlines()]
+    at = head.index("cral")
+    for line in lines:
+        line[at] = repr(float(line[at]) + 9e-7)
+    (copy / "episodes.csv").write_text("\n".join(",".join(line) for line in [head, *lines]) + "\n", encoding="utf-8")
+    board = build(submissions)
+    assert board.refused == []
+    assert board.alike == ["random/Block8-DH-v0 took the same actions as copy/Block8-DH-v0"]
+    found = {row["name"]: row for row in rows(submissions.parent) if row["scenario"] == "Block8-DH-v0"}
+    assert found["copy"]["rank"] == found["random"]["rank"]
+
+
+@pytest.mark.parametrize(("old", "new"), [('"A. Author"', '"M. Allory"'), ('link = ""', 'link = "https://example.org"')])
+def test_what_is_filed_together_is_of_one_hand(submissions, old, new):
+    manifest = submissions / "random" / "Block8-DH-v0" / "manifest.toml"
+    text = manifest.read_text(encoding="utf-8")
+    assert old in text
+    manifest.write_text(text.replace(old, new), encoding="utf-8")
+    (line,) = build(submissions).refused
+    assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): another than in random/Block8-CPP-v0", line)
+
+
+def test_nothing_is_written_when_the_page_cannot_be(submissions, monkeypatch):
+    monkeypatch.setattr("uavbench.leaderboard.board.page_text", lambda rows, entries: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        build(submissions)
+    assert [path.name for path in submissions.parent.iterdir()] == ["submissions"]
 
 
 def test_one_agents_folder_is_no_board(submissions):
@@ -114,7 +178,7 @@ def test_workers_find_the_same(submissions):
     spoil(submissions / "greedy" / "Block8-DH-v0")
     folders = submission_folders(submissions)
     one, two = verify(folders, 1), verify(folders, 2)
-    assert [each.label for each in one[0]] == [each.label for each in two[0]]
+    assert [each.label for each, _ in one[0]] == [each.label for each, _ in two[0]]
     assert one[1] == two[1]
 
 
@@ -134,8 +198,41 @@ def test_a_part_that_was_run_again_is_counted_but_is_no_rerun(submissions):
     assert (row["tier"], row["rerun_episodes"]) == ("replayed", "7")
 
 
+def test_a_shorter_rerun_does_not_take_back_a_longer_one(submissions):
+    for count in (5, 9, 3):
+        told = uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", count)
+        assert told.exit_code == 0
+    assert {rerun.episodes for rerun in load_reruns(submissions.parent / "reruns.csv").values()} == {9}
+
+
+@pytest.mark.parametrize(
+    ("field", "old", "new"),
+    [("track", 'track = "observation"', 'track = "state"'), ("agent_sha256", 'agent_sha256 = "', 'agent_sha256 = "0')],
+)
+def test_an_agent_other_than_the_manifest_says_is_no_rerun(submissions, field, old, new):
+    manifest = submissions / "random" / "Block8-CPP-v0" / "manifest.toml"
+    text = manifest.read_text(encoding="utf-8").replace(old, new)
+    manifest.write_text(re.sub(r'(agent_sha256 = ".{64}).*"', r'\1"', text), encoding="utf-8")
+    told = uavbench("leaderboard", "rerun", manifest.parent, "--agent", "random")
+    assert (told.exit_code, f": {field}: random has" in told.output) == (1, True), told.output
+    assert not (submissions.parent / "reruns.csv").exists()
+
+
+def test_what_does_not_hold_is_not_run_again(submissions):
+    spoil(submissions / "random" / "Block8-CPP-v0")
+    told = uavbench("leaderboard", "rerun", submissions / "random" / "Block8-CPP-v0", "--agent", "random")
+    assert (told.exit_code, "damaged" in told.output) == (1, True), told.output
+
+
 def test_another_agent_is_found_out_at_its_first_other_action(submissions):
     told = uavbench("leaderboard", "rerun", submissions / "random", "--agent", "greedy")
+    assert told.exit_code == 1
+    assert "random/Block8-CPP-v0: track: greedy has state" in told.output
+    path = submissions / "random" / "Block8-CPP-v0" / "manifest.toml"  # and when it claims to be that agent
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    table["result"] |= {"track": "state", "agent_sha256": find_agent("greedy").sha256}
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
+    told = uavbench("leaderboard", "rerun", path.parent, "--agent", "greedy")
     assert told.exit_code == 1
     assert re.search(r"random/Block8-CPP-v0: episode \d+: greedy acts otherwise from step \d+ on", told.output)
     assert load_reruns(submissions.parent / "reruns.csv") == {}

@@ -11,7 +11,7 @@ import pytest
 from uavbench import load_scenario
 from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.ranking import OVERALL, Entry, rank
-from uavbench.leaderboard.submission import Manifest, Submission
+from uavbench.leaderboard.submission import Manifest, Submission, Summary
 from uavbench.leaderboard.table import COLUMNS, table_text
 from uavbench.metrics import interquartile_mean, paired_p_value, significant, stratified_interval
 from uavbench.results import Result
@@ -23,9 +23,9 @@ BASE = {name: RANDOM.random(1000) for name in PAPER_SCENARIOS}
 def entry(name, scenario, cral, track="state", folder=None):
     """An entry of made-up scores, in which every episode landed."""
     table = pd.DataFrame({"episode": range(1000), "landed": 1, "cr": cral, "cral": cral, "steps": 50})
-    summary = {"track": track, "decisions_per_second": 100.0, "split": "validation", "scenario": scenario}
-    manifest = Manifest(name=name, authors=("A",), result=summary)
-    made = Entry(Submission(folder, manifest, Result(folder, summary), load_scenario(scenario)), None)
+    said = Summary.model_construct(track=track, decisions_per_second=100.0, split="test", scenario=scenario)
+    manifest = Manifest.model_construct(name=name, authors=("A",), result=said)
+    made = Entry(Submission(folder, manifest, Result(folder, {}), load_scenario(scenario)), [], None)
     made.__dict__["table"] = table
     return made
 

@@ -47,7 +47,7 @@ def test_a_submission_says_who_and_how_and_is_reproduced(submissions, result):
     manifest = submission.manifest
     assert manifest.authors == ("A. Author", "B. Author")
     assert manifest.hardware == "a machine"
-    assert manifest.result == result.summary
+    assert manifest.result.model_dump() == result.summary
     for name in ("episodes.csv", "actions.npz"):
         assert (submission.folder / name).read_bytes() == (result.folder / name).read_bytes()
 
@@ -70,6 +70,9 @@ def test_it_is_filed_under_its_name_and_replaces_an_older_one(result, tmp_path):
         ({"name": "x" * 41}, "name"),
         ({"authors": []}, "authors"),
         ({"authors": ["a\nb"]}, "authors"),
+        ({"authors": ["a\u202eb"]}, "authors"),
+        ({"authors": ["a\u009bb"]}, "authors"),
+        ({"training": "a\u2028b"}, "training"),
         ({"link": "javascript:alert(1)"}, "link"),
         ({"link": 'https://x" onclick="y'}, "link"),
         ({"training": "x" * 201}, "training"),
@@ -79,6 +82,14 @@ def test_what_is_said_must_be_fit_to_print(result, tmp_path, told, field):
     with pytest.raises(SubmissionError, match=field):
         submit([result], tmp_path / "s", **{"name": "a", "authors": ["b"], **told})
     assert list((tmp_path / "s").iterdir()) == []
+
+
+def test_a_name_that_is_filed_alike_is_not_taken_from_another(result, tmp_path):
+    submit([result], tmp_path / "s", name="My Agent", authors=["A"])
+    for told in ({"name": "my-agent", "authors": ["A"]}, {"name": "My Agent", "authors": ["B"]}):
+        with pytest.raises(SubmissionError, match="is My Agent by A: choose another name"):
+            submit([result], tmp_path / "s", **told)
+    assert load_submission(tmp_path / "s" / "my-agent" / "Block8-CPP-v0").manifest.authors == ("A",)
 
 
 def test_two_results_on_one_scenario_are_no_submission(result, tmp_path):
@@ -119,6 +130,13 @@ def test_a_result_that_is_not_reproduced_is_no_submission(result, tmp_path):
         (lambda t: t["result"].update(decisions_per_second=float("nan")), "decisions_per_second"),
         (lambda t: t["result"].update(decisions_per_second=float("inf")), "decisions_per_second"),
         (lambda t: t["result"].update(decisions_per_second=-1.0), "decisions_per_second"),
+        (lambda t: t["result"].update(decisions_per_second=1e300), "decisions_per_second"),
+        (lambda t: t["result"].update(confidence=0.5), "confidence"),
+        (lambda t: t["result"].update(wall_time=-1.0), "wall_time"),
+        (lambda t: t["result"].update(agent_sha256="not a digest"), "agent_sha256"),
+        (lambda t: t["result"].update(x={"x": {"x": 1}}), "x"),
+        (lambda t: t["result"].pop("versions"), "versions"),
+        (lambda t: t["result"].update(agent="\u001b[2K"), "agent"),
         (lambda t: t["result"]["metrics"]["cral"].update(mean=0.999), r"metrics\.cral\.mean"),
         (lambda t: t["result"]["metrics"]["landed"].update(high=float("nan")), r"metrics\.landed\.high"),
         (lambda t: t["result"]["metrics"].pop("cr"), "cr"),
@@ -146,6 +164,10 @@ def test_a_manifest_that_is_no_toml_is_refused(submissions):
         (",1,", ",0,", "uavs is 1"),
         ("\n17,", "\n18,", "hold the episodes"),
         ("cral", "CRAL", "damaged"),
+        ("return\n", "return,x\n", "its columns are not"),
+        ("\n17,1,", "\n17.2,1,", "damaged"),
+        ("\n17,1,", "\n17,1.9,", "damaged"),
+        ("\n17,1,", "\n17,1,1,", "damaged"),
         ("\n17,1,", f"\n17,{10**30},", "damaged"),
     ],
 )
@@ -182,6 +204,8 @@ def shorter(table):
         (lambda t: t.update(offsets=np.zeros(0, dtype=np.int64)), "damaged"),
         (lambda t: t.update(episodes=t["episodes"][::-1]), "hold the episodes"),
         (lambda t: t.pop("episodes"), "damaged"),
+        (lambda t: t.update(offsets=np.zeros(10**7, dtype=np.uint8)), "hold the episodes"),
+        (lambda t: t.update(offsets=np.zeros((1001, 1), dtype=np.int64)), "hold the episodes"),
     ],
 )
 def test_wrong_actions_are_refused(submissions, change, reason):
@@ -196,7 +220,7 @@ def test_files_that_are_not_what_they_should_be_are_refused(submissions):
     assert "damaged" in refusal(folder)
     with zipfile.ZipFile(folder / "actions.npz", "w", zipfile.ZIP_DEFLATED) as table:
         table.writestr("actions.npy", bytes(2**29))
-    assert "256 MB" in refusal(folder)
+    assert "64 MB" in refusal(folder)
     (folder / "actions.npz").write_bytes(bytes(2**22 + 1))
     assert "larger than" in refusal(folder)
     (folder / "actions.npz").unlink()

@@ -69,8 +69,8 @@ def verify(folder: _Submissions, workers: _Workers = 1) -> None:
             held, refused = check(folders, workers, advance)
     except SubmissionError as error:
         raise fail(error) from None
-    for submission in held:
-        typer.echo(f"{submission.label}: all {submission.manifest.result['episodes']} episodes reproduced, every number")
+    for submission, flown in held:
+        typer.echo(f"{submission.label}: all {len(flown)} episodes reproduced, every number")
     for line in refused:
         fail(f"refused: {line}")
     if refused:
@@ -97,6 +97,8 @@ def build(submissions: _Submissions, workers: _Workers = 1) -> None:
     except SubmissionError as error:
         raise fail(error) from None
     console.print(leaderboard_tables(board.rows))
+    for line in board.alike:
+        typer.echo(f"note: {line}")
     for line in board.refused:
         fail(f"refused: {line}")
     if board.refused:
@@ -131,7 +133,7 @@ def rerun(
         source = find_agent(agent)
         for each in submission_folders(folder):
             submission = load_submission(each)
-            count = min(episodes or submission.result.summary["episodes"], submission.result.summary["episodes"])
+            count = min(episodes or submission.manifest.result.episodes, submission.manifest.result.episodes)
             with episodes_progress(Console(stderr=True), submission.label, "CRAL") as progress:
                 progress.show(count)
                 found = fly_again(submission, source, count, workers, lambda record: progress.advance(record.cral))

@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import joblib  # pyright: ignore[reportMissingTypeStubs]
 
+from uavbench.evaluate import EpisodeRecord
 from uavbench.files import write_whole
 from uavbench.leaderboard.page import page_text
 from uavbench.leaderboard.ranking import Entry, Row, rank
@@ -14,48 +15,61 @@ from uavbench.leaderboard.reruns import load_reruns
 from uavbench.leaderboard.submission import MANIFEST, Submission, SubmissionError, check, load_submission
 from uavbench.leaderboard.table import table_text
 
+_LONGEST = 300  # characters of a line about what is refused
+
+#: A submission that holds, with what came out when it was flown again.
+Held = tuple[Submission, list[EpisodeRecord]]
+
 
 @dataclass(frozen=True)
 class Board:
-    """What came out: the rows, and what was refused, a line each."""
+    """What came out: the rows, what was refused, and what flies as another does; a line each."""
 
     rows: list[Row]
     refused: list[str]
+    alike: list[str]
 
 
 def submission_folders(folder: Path) -> list[Path]:
-    """Return the submissions in a folder: itself, or those that are one or two levels down.
+    """Return the submissions in a folder: itself, or those that are one or two levels down, and whatever else is there.
 
     Raises
     ------
     SubmissionError
         When there is none.
     """
-    root = folder.resolve()  # what is in it is not resolved: a link is found out as one, or by its name
-    if (root / MANIFEST).is_file():
+    root = folder.resolve()  # what is in it is not resolved: a link is found out as one
+    if _is_one(root):
         return [root]
-    outer = [path for path in sorted(root.glob("*")) if path.is_dir() and not path.name.startswith(".")]
-    found = [path for each in outer for path in ([each] if (each / MANIFEST).is_file() else sorted(each.iterdir()))]
+    found: list[Path] = []
+    for outer in sorted(root.glob("*")):
+        inner = [] if outer.is_symlink() or not outer.is_dir() or _is_one(outer) else sorted(outer.iterdir())
+        found += inner or [outer]
     if not found:
         raise SubmissionError(f"{folder}: holds no submissions: folders <name>/<scenario> that uavbench submit wrote")
     return found
+
+
+def _is_one(folder: Path) -> bool:
+    """Say whether a folder is a submission rather than holds some."""
+    return (folder / MANIFEST).is_file() and not any(path.is_dir() for path in folder.iterdir())
 
 
 def verify(
     folders: Sequence[Path],
     workers: int = 1,
     on_checked: Callable[[Path], None] = lambda folder: None,
-) -> tuple[list[Submission], list[str]]:
+) -> tuple[list[Held], list[str]]:
     """Read and replay submissions; return those that hold, and why the others are refused, a line each."""
-    held: list[Submission] = []
+    held: list[Held] = []
     refused: list[str] = []
     parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator")
     look: Any = cast("Any", joblib).delayed(_look)
     for folder, found in zip(folders, parallel(look(folder) for folder in folders), strict=True):
-        if isinstance(found, Submission):
-            held.append(found)
-        else:
+        if isinstance(found, str):
             refused.append(found)
+        else:
+            held.append(found)
         on_checked(folder)
     return held, refused
 
@@ -68,25 +82,64 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     SubmissionError
         When there are no submissions, or only one agent's folder is given. What was there stays then.
     """
-    folder = submissions.resolve().parent
-    if any((path / MANIFEST).is_file() for path in (submissions, *submissions.glob("*"))):
+    folder, inner = submissions.resolve().parent, [path for path in submissions.glob("*") if path.is_dir()]
+    if submissions.is_dir() and (_is_one(submissions) or (inner and all(_is_one(path) for path in inner))):
         raise SubmissionError(f"{submissions}: one agent's submissions: give the folder of all, in which it is")
-    held, refused = verify(submission_folders(submissions), workers, on_checked)
+    found, refused = verify(submission_folders(submissions), workers, on_checked)
+    held, others = _of_one_hand(found)
     reruns = load_reruns(folder / "reruns.csv")
-    entries = [Entry(submission, reruns.get(submission.label)) for submission in held]
+    entries = [Entry(submission, flown, reruns.get(submission.label)) for submission, flown in held]
     rows = rank(entries)
-    write_whole(folder / "leaderboard.csv", table_text(rows).encode())
-    write_whole(folder / "index.html", page_text(rows, entries).encode())
-    return Board(rows, refused)
+    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries)}  # both, before one is written
+    for name, text in texts.items():
+        write_whole(folder / name, text.encode())
+    return Board(rows, [*refused, *others], _alike(held))
 
 
-def _look(folder: Path) -> Submission | str:
+def _of_one_hand(held: Sequence[Held]) -> tuple[list[Held], list[str]]:
+    """Return the submissions, and a line for each that is filed with one of another agent, author or track."""
+    first: dict[str, Submission] = {}
+    kept: list[Held] = []
+    refused: list[str] = []
+    for submission, flown in held:
+        one = first.setdefault(submission.folder.parent.name, submission)
+        for field in ("name", "authors", "link", "track"):
+            if _said(submission, field) != _said(one, field):
+                refused.append(_line(f"{submission.label}: {MANIFEST}: {field}: another than in {one.label}"))
+                break
+        else:
+            kept.append((submission, flown))
+    return kept, refused
+
+
+def _said(submission: Submission, field: str) -> object:
+    return submission.manifest.result.track if field == "track" else getattr(submission.manifest, field)
+
+
+def _alike(held: Sequence[Held]) -> list[str]:
+    """Return a line for each submission that took the same actions as another on all episodes."""
+    first: dict[tuple[str, bytes], str] = {}
+    found: list[str] = []
+    for submission, flown in held:
+        actions = b"|".join(record.actions.tobytes() for record in flown)
+        one = first.setdefault((submission.scenario.id, actions), submission.label)
+        if one != submission.label:
+            found.append(f"{submission.label} took the same actions as {one}")
+    return found
+
+
+def _look(folder: Path) -> Held | str:
     """Return a submission that holds, or why it does not."""
     try:
         submission = load_submission(folder)
-        check(submission)
+        return submission, check(submission)
     except SubmissionError as error:
-        return " ".join(str(error).split())
+        return _line(str(error))
     except Exception as error:  # whatever one submission breaks, the others are built
-        return " ".join(f"{folder.parent.name}/{folder.name}: cannot be read: {type(error).__name__}: {error}".split())[:500]
-    return submission
+        return _line(f"{folder.parent.name}/{folder.name}: cannot be read: {type(error).__name__}: {error}")
+
+
+def _line(text: str) -> str:
+    """Return text as a line that a terminal shows as it is, whoever wrote parts of it."""
+    seen = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
+    return seen if len(seen) <= _LONGEST else f"{seen[:_LONGEST]}…"

@@ -88,7 +88,7 @@ def _scenario(scenario: Scenario) -> dict[str, Any]:
 def _flights(entry: Entry) -> dict[str, Any]:
     """Return the actions of an entry's episodes, and their CRAL."""
     count = shown(entry.submission.scenario)
-    actions = list(entry.submission.result.actions().values())[:count]
+    actions = [record.actions for record in entry.flown[:count]]
     return {
         "lengths": _packed(np.array([len(each) for each in actions], dtype=np.uint16)),
         "actions": _packed(np.concatenate(actions)),

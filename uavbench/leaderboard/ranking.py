@@ -4,17 +4,22 @@ import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from uavbench.agent import TRACKS
+from uavbench.evaluate import EpisodeRecord
 from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
 from uavbench.leaderboard.reruns import Rerun, actions_digest
 from uavbench.leaderboard.submission import Submission
 from uavbench.metrics import Interval, interquartile_mean, paired_p_value, proportion_interval, significant, stratified_interval
-from uavbench.reference import gaps
+from uavbench.reference import gaps_of
+from uavbench.results import table_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 #: What stands for all four of the paper's scenarios together.
 OVERALL = "overall"
@@ -76,15 +81,19 @@ class Row:
 
 @dataclass(frozen=True)
 class Entry:
-    """A submission that has been replayed, and how much of it was flown again."""
+    """A submission, what came out when it was replayed, and how much of it the agent has flown again.
+
+    All numbers are of the replay: none is read from the submission.
+    """
 
     submission: Submission
+    flown: Sequence[EpisodeRecord]
     rerun: Rerun | None
 
     @cached_property
-    def table(self) -> pd.DataFrame:
+    def table(self) -> "pd.DataFrame":
         """Its episodes."""
-        return self.submission.result.episodes()
+        return table_of(self.flown)
 
     def values(self, column: str) -> NDArray[np.float64]:
         """Return a column over the episodes."""
@@ -93,8 +102,12 @@ class Entry:
     @property
     def rerun_episodes(self) -> int:
         """On how many episodes these very actions were taken again."""
-        rerun = self.rerun
-        return rerun.episodes if rerun and rerun.actions_sha256 == actions_digest(self.submission) else 0
+        found, manifest = self.rerun, self.submission.manifest
+        same = found and (found.agent_sha256, found.actions_sha256) == (
+            manifest.result.agent_sha256,
+            actions_digest(self.submission),
+        )
+        return found.episodes if found and same else 0
 
 
 def rank(entries: Iterable[Entry]) -> list[Row]:
@@ -116,7 +129,7 @@ def _complete(entries: Sequence[Entry], scenarios: Sequence[str], track: str) ->
     """Return the entries of each agent of a track that has all the scenarios, in their order."""
     agents: dict[str, dict[str, Entry]] = {}
     for entry in entries:
-        if entry.submission.manifest.result["track"] == track:
+        if entry.submission.manifest.result.track == track:
             agents.setdefault(entry.submission.manifest.name, {})[entry.submission.scenario.id] = entry
     return [[there[name] for name in scenarios] for there in agents.values() if all(name in there for name in scenarios)]
 
@@ -143,10 +156,10 @@ def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
     cral = [entry.values("cral") for entry in group]
     again = [entry.rerun_episodes for entry in group]
     count = [len(values) for values in cral]
-    known = [gaps(entry.submission.result) for entry in group]
+    known = [gaps_of(entry.submission.scenario, entry.table) for entry in group]
     return Row(
         scenario=scenario,
-        track=first.result["track"],
+        track=first.result.track,
         rank=number,
         name=first.name,
         authors=", ".join(first.authors),
@@ -160,7 +173,7 @@ def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
         cral=stratified_interval(cral),
         iqm=interquartile_mean(np.concatenate(cral)),
         steps=float(np.mean([entry.values("steps").mean() for entry in group])),
-        decisions_per_second=_harmonic([entry.submission.manifest.result["decisions_per_second"] for entry in group]),
+        decisions_per_second=_harmonic([entry.submission.manifest.result.decisions_per_second for entry in group]),
         gap_to_best=_mean([each and each.to_best and each.to_best.mean for each in known]),
         gap_to_bound=_mean([each and each.to_bound and each.to_bound.mean for each in known]),
     )

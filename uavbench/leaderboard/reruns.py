@@ -8,7 +8,7 @@ import csv
 import hashlib
 import io
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ import numpy as np
 from uavbench.agent import AgentSource
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
 from uavbench.files import write_whole
-from uavbench.leaderboard.submission import Submission, SubmissionError
+from uavbench.leaderboard.submission import Submission, SubmissionError, check
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,11 @@ def load_reruns(path: Path) -> dict[str, Rerun]:
 
 
 def save_rerun(path: Path, rerun: Rerun) -> None:
-    """Write down a rerun, in the place of an older one of the same submission."""
-    known = {**load_reruns(path), rerun.submission: rerun}
+    """Write down a rerun, in the place of an older one of the same submission, unless that was of more episodes."""
+    known = load_reruns(path)
+    before = known.get(rerun.submission)
+    if before is None or replace(before, episodes=rerun.episodes) != rerun or before.episodes < rerun.episodes:
+        known[rerun.submission] = rerun
     text = io.StringIO()
     writer = csv.DictWriter(text, [field.name for field in fields(Rerun)], lineterminator="\n")
     writer.writeheader()
@@ -83,9 +86,13 @@ def fly_again(
     Raises
     ------
     SubmissionError
-        When it takes another action than the submission's.
+        When it is another agent than the submission says, takes another action, or the submission does not hold.
     """
-    recorded = submission.result.actions()
+    said = submission.manifest.result
+    for field, found in {"track": source.track, "agent_sha256": source.sha256}.items():
+        if getattr(said, field) != found:
+            raise SubmissionError(f"{submission.label}: {field}: {source.name} has {found}, not {getattr(said, field)}")
+    recorded = [record.actions for record in check(submission)]
     for record in evaluate(Job(source, submission.scenario, "test"), range(episodes), workers):
         if not np.array_equal(record.actions, recorded[record.episode]):
             first = _first_difference(record, recorded[record.episode])

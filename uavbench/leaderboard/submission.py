@@ -4,7 +4,6 @@ Beside ``episodes.csv`` and ``actions.npz`` of the result is ``manifest.toml``: 
 ``summary.json`` said. Whatever is in such a folder may come from anybody, and is read accordingly.
 """
 
-import math
 import os
 import platform
 import re
@@ -14,14 +13,16 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import tomli_w
-from pydantic import Field, ValidationError, field_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator
 
-from uavbench.agent import TRACKS
+from uavbench.agent import Track
+from uavbench.evaluate import EpisodeRecord
+from uavbench.metrics import CONFIDENCE
 from uavbench.parameters import Record
-from uavbench.replay import replay
+from uavbench.replay import fly_all_recorded
 from uavbench.resources import scenario_paths
 from uavbench.results import Result, ResultError, checked_result
 from uavbench.scenario import Scenario, load_scenario
@@ -29,11 +30,50 @@ from uavbench.scenario import Scenario, load_scenario
 MANIFEST = "manifest.toml"
 #: The files of a submission, and the bytes that each may have.
 _LARGEST = {MANIFEST: 2**16, "episodes.csv": 2**22, "actions.npz": 2**22}
-_Line = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$", strict=True)]
+
+
+def _printable(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("holds characters that cannot be seen, or that change how others are")
+    return text
+
+
+_Line = Annotated[str, Field(max_length=200, strict=True), AfterValidator(_printable)]
+_Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", strict=True)]
+_Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Count = Annotated[int, Field(strict=True, ge=1)]
 
 
 class SubmissionError(ValueError):
     """A submission that is refused; the message says which and why, in one line."""
+
+
+class Scores(Record):
+    """An interval of a summary."""
+
+    mean: _Number
+    low: _Number
+    high: _Number
+
+
+class Summary(Record):
+    """What ``uavbench evaluate`` wrote in ``summary.json``, of a scenario that comes with the suite."""
+
+    uavbench: _Line
+    scenario: _Line
+    scenario_digest: _Digest
+    agent: _Line
+    agent_sha256: _Digest
+    track: Track
+    split: _Line
+    episodes: _Count
+    metrics: dict[Literal["landed", "cr", "cral"], Scores]
+    confidence: Annotated[float, Field(strict=True, ge=CONFIDENCE, le=CONFIDENCE)]
+    decisions: _Count
+    decisions_per_second: Annotated[float, Field(strict=True, ge=1e-3, le=1e9)]
+    wall_time: Annotated[float, Field(strict=True, ge=0, le=1e9)]
+    workers: _Count
+    versions: dict[Literal["python", "numpy", "numba", "platform"], _Line]
 
 
 class Manifest(Record):
@@ -51,8 +91,8 @@ class Manifest(Record):
         What it was trained on, with which seeds; nothing for an agent that was not trained.
     hardware : str
         On what it was flown.
-    result : dict
-        What ``uavbench evaluate`` wrote in ``summary.json``.
+    result : Summary
+        What ``uavbench evaluate`` wrote.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$", strict=True)]
@@ -60,7 +100,7 @@ class Manifest(Record):
     link: _Line = ""
     training: _Line = ""
     hardware: _Line = ""
-    result: dict[str, Any]
+    result: Summary
 
     @field_validator("link")
     @classmethod
@@ -102,36 +142,30 @@ def load_submission(folder: Path) -> Submission:
     try:
         _check_files(folder)
         manifest = Manifest.model_validate(tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8")))
-        result = checked_result(folder, manifest.result)
-        scenario = load_scenario(_shipped(manifest.result))
+        result = checked_result(folder, manifest.result.model_dump())
+        scenario = load_scenario(_shipped(result.summary))
     except ValidationError as error:
         raise SubmissionError(f"{label}: {MANIFEST}: {_first(error)}") from None
     except (KeyError, TypeError) as error:
         raise SubmissionError(f"{label}: {MANIFEST}: result: {error}: missing or of a wrong type") from None
     except (OSError, SubmissionError) as error:
-        raise SubmissionError(f"{label}: {error}") from None
+        raise SubmissionError(f"{label}: {getattr(error, 'strerror', None) or error}") from None
     except ValueError as error:
         raise SubmissionError(f"{label}: {MANIFEST}: {error}") from None
     said = {
         "folders": (label, f"{manifest.folder}/{scenario.id}"),
-        "result.scenario_digest": (manifest.result["scenario_digest"], scenario.digest),
-        "result.split": (manifest.result["split"], "test"),
-        "result.episodes": (manifest.result["episodes"], scenario.splits.test.episodes),
+        "result.scenario_digest": (manifest.result.scenario_digest, scenario.digest),
+        "result.split": (manifest.result.split, "test"),
+        "result.episodes": (manifest.result.episodes, scenario.splits.test.episodes),
     }
     for field, (found, expected) in said.items():
         if found != expected:
             raise SubmissionError(f"{label}: {MANIFEST}: {field}: {found}, expected {expected}")
-    if manifest.result["track"] not in TRACKS:
-        raise SubmissionError(
-            f"{label}: {MANIFEST}: result.track: {manifest.result['track']!r} is not one of {', '.join(TRACKS)}"
-        )
-    if not 0 < manifest.result["decisions_per_second"] < math.inf:
-        raise SubmissionError(f"{label}: {MANIFEST}: result.decisions_per_second: not a number above 0")
     return Submission(folder, manifest, result, scenario)
 
 
-def check(submission: Submission) -> None:
-    """Replay every action of a submission.
+def check(submission: Submission) -> list[EpisodeRecord]:
+    """Replay every action of a submission, and return what came out.
 
     Raises
     ------
@@ -139,12 +173,13 @@ def check(submission: Submission) -> None:
         When a number is not reproduced.
     """
     try:
-        wrong = replay(submission.result)
+        flown, wrong = fly_all_recorded(submission.result)
     except (ResultError, ValueError) as error:
         raise SubmissionError(f"{submission.label}: {error}") from None
     if wrong:
         more = f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""
         raise SubmissionError(f"{submission.label}: not reproduced: {wrong[0]}{more}")
+    return flown
 
 
 def submit(
@@ -178,12 +213,26 @@ def submit(
             check(load_submission(new))
             on_checked(new)
         folders = [submissions / new.relative_to(staging) for new in made]
+        for agent in {folder.parent for folder in folders}:
+            _check_owner(agent, told)
         for new, folder in zip(made, folders, strict=True):
             folder.parent.mkdir(exist_ok=True)
             if folder.exists():
                 folder.replace(new.with_name(f"{new.name}.old"))
             new.replace(folder)
     return folders
+
+
+def _check_owner(folder: Path, told: Mapping[str, Any]) -> None:
+    """Refuse to add to, or to replace, what somebody else has handed in under a name that is filed alike."""
+    for path in sorted(folder.glob(f"*/{MANIFEST}")):
+        try:
+            there = load_submission(path.parent).manifest
+        except SubmissionError:
+            continue  # a damaged one may be replaced
+        if (there.name, there.authors) != (told["name"], told["authors"]):
+            by = f"{there.name} by {', '.join(there.authors)}"
+            raise SubmissionError(f"name: {folder} is {by}: choose another name, or delete it first")
 
 
 def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
@@ -205,8 +254,10 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
 
 def _check_files(folder: Path) -> None:
     """Refuse a folder with other files than a submission's, or such that are no plain files or too large."""
-    if folder.is_symlink():
-        raise SubmissionError("is a link")
+    if folder.is_symlink() or not folder.is_dir():
+        raise SubmissionError("is no folder, or a link")
+    if not any(folder.iterdir()):
+        raise SubmissionError("holds nothing")
     for path in folder.iterdir():
         if path.name not in _LARGEST:
             raise SubmissionError(f"{path.name!r} does not belong to a submission")

@@ -116,7 +116,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     find("board").tHead.rows[0].append(head);
   }
   for (const name of new Set(DATA.rows.map((row) => row.scenario))) find("scenario").append(element("option", { value: name }, name));
-  const wanted = decodeURIComponent(location.hash.slice(1));
+  const wanted = location.hash.slice(1); // ids need no escaping
   if (DATA.rows.some((row) => row.scenario === wanted)) find("scenario").value = wanted;
   find("filters").addEventListener("input", show);
   find("filters").addEventListener("submit", (event) => event.preventDefault());
