@@ -10,7 +10,7 @@ Needs PyTorch: ``pip install 'uavbench[ddqn]'``.
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
@@ -21,8 +21,8 @@ from uavbench.episode import train_numbers
 from uavbench.observation import Observer
 from uavbench.simulator import Simulator
 from uavbench.state import new_state
-from uavbench.torch_state import pack, unpack, unpack_network
-from uavbench.weights import load_weights, weights_path
+from uavbench.torch_state import pack, tensors, unpack, unpack_network
+from uavbench.weights import weights_for, weights_path
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,16 @@ class Config:
     last_careful: float = 0.0
     validation: int = 1000
 
+    def __post_init__(self):
+        for name, value in asdict(self).items():
+            least, most = int(type(value) is int and name not in ("prefill", "warmup")), (1 if name in _SHARES else math.inf)
+            if not least <= value <= most or (name == "temperature" and value == 0):
+                raise ValueError(f"{name}: {value} is not from {least} to {most}")
+        if self.replay < self.environments * (self.segment + 2):
+            raise ValueError(f"replay: {self.replay} steps: {self.environments} environments need {self.segment + 2} each")
 
+
+_SHARES = ("trace", "discount", "soft_update", "last_rate", "flat", "anywhere", "last_anywhere", "careful", "last_careful")
 CONFIGS = {
     "paper": Config(updates=2_000_000, validation=20_000),
     "fast": Config(
@@ -133,7 +142,7 @@ class Network(nn.Module):
         super().__init__()
         shapes = {"local": observer.local_shape, "global": observer.global_shape}
         self.maps = [name for name, shape in shapes.items() if shape[1]]
-        self.budget_scale = budget_scale
+        self.register_buffer("budget_scale", torch.tensor([float(budget_scale)]))
         self.branches = nn.ModuleDict()
         self.inputs = 1  # of the first dense layer, N of table IV: the budget is one
         for name in self.maps:
@@ -156,15 +165,6 @@ class Network(nn.Module):
         maps = [self.branches[f"{name}_map"](observation[name]) for name in self.maps]
         flat = [each.permute(0, 2, 3, 1).flatten(1) for each in maps]  # in the order of memory: neither way needs a copy
         return self.dense(torch.cat([*flat, self.budget_scale * observation["budget"]], dim=1))
-
-
-def tensors(observation):
-    """Return an observation's arrays as tensors, maps in the memory format that convolutions like."""
-    found = {name: torch.from_numpy(values) for name, values in observation.items()}
-    return {
-        name: values.contiguous(memory_format=torch.channels_last) if values.dim() == 4 else values
-        for name, values in found.items()
-    }
 
 
 class Replay:
@@ -245,6 +245,8 @@ class Learner:
     """
 
     def __init__(self, scenario, config, seed):
+        if scenario.team:
+            raise ValueError(f"ddqn learns to fly one UAV; {scenario.id} is for teams")
         self.scenario, self.config, self.seed = scenario, config, seed
         torch.manual_seed(seed)
         self._observer = Observer(scenario)
@@ -266,7 +268,8 @@ class Learner:
 
     def advance(self):
         """Take a step in every environment and learn once; return what to plot."""
-        while self._replay.written * self.config.environments < self.config.prefill:
+        config, memory = self.config, self._replay
+        while memory.written * config.environments < config.prefill or memory.written <= config.segment:
             self._act(explore=True)
         self._act()
         return self._learn()
@@ -354,8 +357,7 @@ class Learner:
 
     def weights(self):
         """Return what the agent needs."""
-        arrays = {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
-        return {**arrays, "budget_scale": np.array([self.config.budget_scale])}
+        return {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
 
     def snapshot(self):
         """Return all that changes, as arrays by name."""
@@ -386,10 +388,8 @@ class Agent:
 
     def __init__(self, scenario, weights=None):
         path = weights or weights_path("ddqn", scenario)
-        arrays, _ = load_weights(path)
-        scale = arrays.pop("budget_scale", np.ones(1)).item()
-        self.network = Network(Observer(scenario), budget_scale=scale)
-        unpack_network(arrays, self.network, path, scenario)
+        self.network = Network(Observer(scenario))
+        unpack_network(weights_for(path, scenario), self.network, path, scenario)
 
     def act_batch(self, observations, infos):
         """Return the best actions by the network."""

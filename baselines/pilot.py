@@ -29,7 +29,7 @@ from uavbench.planning.harvesting import expected_rates
 from uavbench.resources import shipped_weights
 from uavbench.simulator import Simulator
 from uavbench.torch_state import pack, unpack, unpack_network
-from uavbench.weights import load_weights
+from uavbench.weights import weights_for
 
 
 @dataclass
@@ -241,7 +241,7 @@ class Learner:
 
 def load(weights, scenario):
     """Return the network of a file."""
-    arrays, _ = load_weights(weights)
+    arrays = weights_for(weights, scenario)
     depth = sum(array.ndim == 4 for array in arrays.values()) - 1
     first = arrays.get("added.0.weight")
     network = Network(1 if first is None else len(first), depth)

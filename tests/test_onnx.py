@@ -45,9 +45,9 @@ def test_a_model_acts_as_the_network_it_is_of(weights, tmp_path):
         assert np.array_equal(record.actions, onnx_records[number].actions)
 
 
-def model_of(path, inputs, width=6, batch="batch"):
+def model_of(path, inputs, width=6, batch="batch", factor=1.0):
     """Write a model that sums up its inputs."""
-    from onnx import TensorProto, helper
+    from onnx import TensorProto, helper, numpy_helper
 
     nodes, sums = [], []
     axes = helper.make_tensor("axes", TensorProto.INT64, [1], [-1])
@@ -57,7 +57,7 @@ def model_of(path, inputs, width=6, batch="batch"):
         sums.append(f"{name}_sum")
     nodes.append(helper.make_node("Sum", sums, ["total"]))
     nodes.append(helper.make_node("MatMul", ["total", "weights"], ["values"]))
-    weights = helper.make_tensor("weights", TensorProto.FLOAT, [1, width], list(range(width)))
+    weights = numpy_helper.from_array(factor * np.arange(width, dtype=np.float32)[None], "weights")
     graph = helper.make_graph(
         nodes,
         "sums",
@@ -91,6 +91,31 @@ def test_what_does_not_fit_is_said(inputs, width, reason, tmp_path):
         fly(model_of(tmp_path / "model.onnx", inputs, width))
 
 
+@pytest.mark.parametrize("batch", [4, 0])
+def test_a_batch_that_is_neither_any_nor_one_is_refused(batch, tmp_path):
+    with pytest.raises(AgentError, match=r"model\.onnx: input budget: its batch is"):
+        fly(model_of(tmp_path / "model.onnx", {"budget": (1,)}, batch=batch))
+
+
+def test_sizes_that_a_model_leaves_open_are_taken(tmp_path):
+    records = fly(model_of(tmp_path / "model.onnx", {"local": (4, "h", "w"), "budget": (1,)}))
+    assert all(record.landed for record in records.values())
+
+
+def test_values_that_are_no_numbers_are_refused(tmp_path):
+    with pytest.raises(AgentError, match=r"model\.onnx: its values are not finite"):
+        fly(model_of(tmp_path / "model.onnx", {"budget": (1,)}, factor=float("nan")))
+
+
+def test_a_model_in_several_files_is_refused(tmp_path):
+    """A digest of one of them would not tell which model it was."""
+    made = onnx.load(model_of(tmp_path / "model.onnx", {"budget": (1,)}, width=6))
+    onnx.save(made, tmp_path / "model.onnx", save_as_external_data=True, location="data.bin", size_threshold=0)
+    assert (tmp_path / "data.bin").exists()
+    with pytest.raises(AgentError, match=r"model\.onnx: not a model that ONNX Runtime takes"):
+        fly(tmp_path / "model.onnx")
+
+
 def test_files_that_are_no_models(tmp_path):
     with pytest.raises(AgentLoadError, match="there is no file"):
         find_agent(str(tmp_path / "model.onnx"))
@@ -103,7 +128,8 @@ def test_export_says_what_it_cannot_do(weights, tmp_path):
     for words, reason in (
         (["greedy", str(tmp_path / "m.onnx")], "greedy has no network"),
         ([str(weights), str(tmp_path / "m.pt"), "--scenario", CPP.id], r"ends in .onnx"),
-        ([str(weights), str(tmp_path / "m.onnx"), "--scenario", "Manhattan32-CPP-v0"], "does not fit"),
+        ([str(weights), str(tmp_path / "m.onnx"), "--scenario", "Manhattan32-CPP-v0"], "another map"),
+        ([str(weights), str(weights / "m.onnx")], "cannot write"),
     ):
         found = CliRunner().invoke(app, ["export", *words])
         assert found.exit_code == 2

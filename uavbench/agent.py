@@ -7,7 +7,7 @@ import hashlib
 import importlib.util
 import inspect
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType
@@ -26,6 +26,11 @@ class AgentLoadError(ValueError):
     """An agent that cannot be loaded, or does not keep the contract; the message says what to change."""
 
 
+#: Where an agent is flown if nothing is said.
+FIRST_SCENARIO = "Manhattan32-CPP-v0"
+_ONNX = Path(__file__).with_name("onnx_agent.py")
+
+
 @dataclass(frozen=True)
 class AgentSource:
     """Where an agent comes from.
@@ -37,7 +42,7 @@ class AgentSource:
     class_name : str
         The class in it.
     weights : Path, optional
-        What the class is given besides the scenario: a file that ``uavbench train`` wrote.
+        What the class is given besides the scenario: a file that ``uavbench train`` wrote, or an ONNX model.
     """
 
     path: Path
@@ -53,8 +58,31 @@ class AgentSource:
 
     @cached_property
     def sha256(self) -> str:
-        """SHA-256 of the file, or of the weights."""
-        return hashlib.sha256((self.weights or self.path).read_bytes()).hexdigest()
+        """SHA-256 of the Python file."""
+        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+
+    def digest(self, scenario: Scenario) -> str:
+        """Return the SHA-256 of what acts on ``scenario``.
+
+        That of the Python file, of the ONNX model, or, where there are weights, that of the digests of file and weights, in
+        hex, one after the other.
+        """
+        weights = self.weights
+        if weights is None and resources.baseline_paths().get(self.path.stem) == self.path:
+            weights = resources.shipped_weights(self.path.stem).get(scenario.id)
+        if weights is None:
+            return self.sha256
+        found = hashlib.sha256(weights.read_bytes()).hexdigest()
+        return found if self.path == _ONNX else hashlib.sha256((self.sha256 + found).encode()).hexdigest()
+
+    @cached_property
+    def trained_on(self) -> str:
+        """The id of the scenario that the weights were trained on; where that is not known, the suite's first."""
+        if self.weights is None or self.path == _ONNX:
+            return FIRST_SCENARIO
+        from uavbench.weights import load_weights
+
+        return str(load_weights(self.weights)[1].get("scenario", FIRST_SCENARIO))
 
     @property
     def track(self) -> Track:
@@ -80,7 +108,10 @@ class AgentSource:
             When it cannot be imported.
         """
         try:
-            return _module(self.path.resolve(), hashlib.sha256(self.path.read_bytes()).hexdigest())
+            return _module(self.path.resolve(), self.sha256)
+        except ModuleNotFoundError as error:
+            hint = ": pip install 'uavbench[ddqn]'" if error.name in ("torch", "safetensors") else ""
+            raise AgentLoadError(f"{self.path}: needs {error.name}, which is not installed{hint}") from error
         except (Exception, SystemExit) as error:
             raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
 
@@ -133,14 +164,28 @@ def _module(path: Path, sha256: str) -> ModuleType:
     return _MODULES[path, sha256]
 
 
-def find_agent(spec: str) -> AgentSource:
+def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
     """Find an agent: a built-in's name, ``path.py``, ``path.py:Class``, ``path.onnx``, or a built-in's ``path.safetensors``.
+
+    Parameters
+    ----------
+    spec : str
+        What it is.
+    weights : Path, optional
+        What a file or a built-in is to fly with.
 
     Raises
     ------
     AgentLoadError
         When there is none.
     """
+    if weights is not None:
+        source, weights = find_agent(spec), weights.expanduser()
+        if source.weights is not None:
+            raise AgentLoadError(f"--agent {spec}: these are weights themselves: leave --weights out")
+        if not weights.is_file():
+            raise AgentLoadError(f"--weights {weights}: there is no such file")
+        return replace(source, weights=weights)
     built_in = resources.baseline_paths()
     if spec in built_in:
         return AgentSource(built_in[spec])
@@ -150,7 +195,7 @@ def find_agent(spec: str) -> AgentSource:
         model = Path(spec).expanduser()
         if not model.is_file():
             raise AgentLoadError(f"--agent {spec}: there is no file {model}")
-        return AgentSource(Path(__file__).with_name("onnx_agent.py"), weights=model)
+        return AgentSource(_ONNX, weights=model)
     name, _, class_name = spec.partition(".py:")
     if class_name:
         name += ".py"
@@ -169,9 +214,12 @@ def _trained(weights: Path, built_in: dict[str, Path]) -> AgentSource:
     from uavbench.weights import WeightsError, load_weights
 
     try:
-        agent = load_weights(weights)[1].get("agent")
+        record = load_weights(weights)[1]
     except (WeightsError, ImportError) as error:
         raise AgentLoadError(f"--agent {error}") from None
+    agent = record.get("agent")
+    if record.get("built_in") is False:
+        raise AgentLoadError(f"--agent {weights}: weights of your own {agent}: --agent {agent}.py --weights {weights}")
     if agent not in built_in:
         raise AgentLoadError(f"--agent {weights}: weights of {agent}, which is not built in")
     return AgentSource(built_in[agent], weights=weights)

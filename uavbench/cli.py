@@ -110,8 +110,12 @@ def evaluate(
     ],
     scenario: Annotated[
         list[str] | None,
-        typer.Option(help="An id (Manhattan32-CPP-v0 by default), the path of a .toml file, or 'all'; repeatable."),
+        typer.Option(
+            help="An id, the path of a .toml file, or 'all'; repeatable. By default what the weights were trained on, "
+            "and Manhattan32-CPP-v0 where there are none."
+        ),
     ] = None,
+    weights: Annotated[Path | None, typer.Option(help="What your own agent's file is to fly with.")] = None,
     split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
     episodes: Annotated[
         int | None, typer.Option(min=1, help="How many, from 0 on; by default all of the split, and 1000 of train.")
@@ -141,7 +145,7 @@ def evaluate(
 
     console = Console()
     try:
-        planned = jobs(find_agent(agent), scenario or ["Manhattan32-CPP-v0"], split, episodes, decision_timeout)
+        planned = jobs(find_agent(agent, weights), scenario, split, episodes, decision_timeout)
         for job, count in planned:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
                 result = run(

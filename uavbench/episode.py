@@ -55,7 +55,15 @@ def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uin
 
 
 def train_numbers(seed: int, first: int, count: int) -> NDArray[np.int64]:
-    """Return the numbers of a learner's train episodes ``first`` to ``first + count``: another row for every seed."""
+    """Return the numbers of a learner's train episodes ``first`` to ``first + count``: another row for every seed.
+
+    Raises
+    ------
+    ValueError
+        When the seed is not from 0 to 2^24 − 1.
+    """
+    if not 0 <= seed < 2**24:
+        raise ValueError(f"seed: {seed} is not from 0 to {2**24 - 1}")
     keys = np.uint64(seed << 40) + np.arange(first, first + count, dtype=np.uint64)
     return np.array([int(mix(key)) >> 2 for key in keys], dtype=np.int64)
 

@@ -29,6 +29,7 @@ from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
 from uavbench.state_view import StateView
+from uavbench.weights import WeightsError
 
 DEFAULT_BATCH = 250
 #: In records, in place of an action: the UAV flies no more, or the episode has fewer.
@@ -344,6 +345,8 @@ def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> A
             set_alarm(None)
     except TimeUpError:
         raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
+    except WeightsError as error:  # says what is wrong, and where
+        raise _complaint(job, where, str(error)) from None
     except (Exception, SystemExit) as error:
         raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
     if limit is not None and time.perf_counter() - started > limit:

@@ -41,20 +41,30 @@ class Agent:
         except ImportError as error:
             raise ImportError(f"{weights}: needs ONNX Runtime: pip install 'uavbench[onnx]'") from error
         try:
-            self._session: Any = runtime.InferenceSession(weights, providers=["CPUExecutionProvider"])
+            # from its bytes: a model whose weights are in other files is refused, since a digest would not cover them
+            self._session: Any = runtime.InferenceSession(weights.read_bytes(), providers=["CPUExecutionProvider"])
         except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
             raise ValueError(f"{weights}: not a model that ONNX Runtime takes: {error}") from None
         shown = Observer(scenario).empty(1)
         self._inputs: list[str] = []
-        single = False
+        self._file, single = weights, False
         for each in self._session.get_inputs():
             if each.name not in shown:
                 raise ValueError(f"{weights}: input {each.name!r} is none of {', '.join(shown)}")
             wanted = list(shown[each.name].shape[1:])
-            if each.type != "tensor(float)" or each.shape[1:] != wanted:
+            fits = len(each.shape) == len(wanted) + 1 and all(
+                a == b or not isinstance(a, int) for a, b in zip(each.shape[1:], wanted, strict=True)
+            )
+            if each.type != "tensor(float)" or not fits:
                 raise ValueError(f"{weights}: input {each.name} is {each.type} {each.shape}, expected float (batch, {wanted})")
+            if isinstance(each.shape[0], int) and each.shape[0] != 1:
+                raise ValueError(f"{weights}: input {each.name}: its batch is {each.shape[0]}: export it with any batch, or 1")
             single = single or each.shape[0] == 1
             self._inputs.append(each.name)
+        if len(self._session.get_outputs()) != 1:
+            raise ValueError(
+                f"{weights}: it has {len(self._session.get_outputs())} outputs, expected one: the values of actions"
+            )
         self._size = 1 if single else None
         values = self._values({name: np.zeros((1, *shown[name].shape[1:]), np.float32) for name in shown})
         if values.shape != (1, NUM_ACTIONS):
@@ -71,4 +81,7 @@ class Agent:
 
     def _values(self, observation: Observation) -> NDArray[np.float32]:
         """Return the model's values."""
-        return self._session.run(None, {name: observation[name] for name in self._inputs})[0]
+        values = self._session.run(None, {name: observation[name] for name in self._inputs})[0]
+        if not np.isfinite(values).all():
+            raise ValueError(f"{self._file}: its values are not finite")
+        return values

@@ -194,7 +194,7 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
         "scenario": job.scenario.id,
         "scenario_digest": job.scenario.digest,
         "agent": job.source.name,
-        "agent_sha256": job.source.sha256,
+        "agent_sha256": job.source.digest(job.scenario),
         "track": job.source.track,
         "split": job.split,
         "episodes": episodes,

@@ -28,9 +28,11 @@ _TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
 
 
 def jobs(
-    source: AgentSource, scenarios: Sequence[str], split: str, episodes: int | None, decision_timeout: float | None
+    source: AgentSource, scenarios: Sequence[str] | None, split: str, episodes: int | None, decision_timeout: float | None
 ) -> list[tuple[Job, int]]:
-    """Plan evaluations: a job and its number of episodes for each scenario, ``"all"`` being all that are shipped.
+    """Plan evaluations: a job and its number of episodes for each scenario.
+
+    ``"all"`` are all that are shipped; None is what the agent was trained on, or the suite's first.
 
     Raises
     ------
@@ -40,7 +42,7 @@ def jobs(
         When the agent cannot be loaded.
     """
     planned: list[tuple[Job, int]] = []
-    names = [each for name in scenarios for each in (scenario_paths() if name == "all" else [name])]
+    names = [each for name in scenarios or [source.trained_on] for each in (scenario_paths() if name == "all" else [name])]
     source.load()
     if decision_timeout is not None and not decision_timeout > 0:
         raise ResultError(f"--decision-timeout: {decision_timeout:g} s is not above 0")

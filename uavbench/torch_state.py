@@ -14,6 +14,16 @@ from uavbench.weights import WeightsError
 Arrays = dict[str, NDArray[Any]]
 
 
+def tensors(observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return an observation's arrays as tensors, maps in the memory format that convolutions like: channels last."""
+    torch: Any = importlib.import_module("torch")
+    found = {name: torch.from_numpy(values) for name, values in observation.items()}
+    return {
+        name: values.contiguous(memory_format=torch.channels_last) if values.dim() == 4 else values
+        for name, values in found.items()
+    }
+
+
 def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
     """Return the arrays of networks, by their names, and of the optimiser's moments.
 
@@ -37,13 +47,27 @@ def unpack_network(arrays: Mapping[str, NDArray[Any]], network: Any, path: Path,
     Raises
     ------
     WeightsError
-        When they are of another network: the message names the file and what differs.
+        When they are of another network: the message names the file and the first array that differs.
     """
     torch: Any = importlib.import_module("torch")
+    wanted = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    for name in sorted(wanted.keys() | arrays.keys()):
+        found = arrays[name].shape if name in arrays else None
+        if wanted.get(name) != found:
+            differs = f"{name} has shape {found}, expected {wanted.get(name)}"
+            raise WeightsError(f"{path}: does not fit {scenario.id}, or is of another agent: {differs}")
     try:
-        network.load_state_dict({name: torch.from_numpy(np.array(array)) for name, array in arrays.items()})
-    except RuntimeError as error:
-        raise WeightsError(f"{path}: does not fit {scenario.id}, or is of another agent: {error}") from None
+        network.load_state_dict(_finite(arrays, torch))
+    except ValueError as error:
+        raise WeightsError(f"{path}: {error}") from None
+
+
+def _finite(arrays: Mapping[str, NDArray[Any]], torch: Any) -> dict[str, Any]:
+    """Return arrays as tensors, if all are numbers."""
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name}: holds numbers that are not finite")
+    return {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()}
 
 
 def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], optimizer: Any) -> None:
@@ -51,8 +75,8 @@ def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], opti
 
     Raises
     ------
-    KeyError, RuntimeError
-        When the arrays are of other networks.
+    KeyError, RuntimeError, ValueError
+        When the arrays are of other networks, or not finite.
     """
     torch: Any = importlib.import_module("torch")
     groups: dict[str, Arrays] = {}
@@ -60,7 +84,7 @@ def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], opti
         group, _, part = name.partition(".")
         groups.setdefault(group, {})[part] = array
     for name, network in networks.items():
-        network.load_state_dict({part: torch.from_numpy(np.array(array)) for part, array in groups[name].items()})
+        network.load_state_dict(_finite(groups[name], torch))
     parameters = [each for group in optimizer.param_groups for each in group["params"]]
     state: dict[int, dict[str, Any]] = {}
     for name, array in groups.get("optimizer", {}).items():

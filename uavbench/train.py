@@ -22,6 +22,7 @@ from uavbench.agent import AgentSource
 from uavbench.evaluate import Job, evaluate
 from uavbench.interrupt import interrupt_waits
 from uavbench.metrics import METRICS
+from uavbench.resources import baseline_paths
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, load_weights, save_weights
 
@@ -61,6 +62,11 @@ class Training:
         """What the weights' file is called."""
         return f"{self.source.name}-{self.name}-{self.seed}"
 
+    def files(self, out: Path) -> tuple[Path, Path]:
+        """Return the files of the weights that are kept and of the checkpoint, in the folder of all trainings."""
+        folder = out / self.scenario.id
+        return folder / f"{self.label}.safetensors", folder / f"{self.label}.checkpoint"
+
     @property
     def identity(self) -> dict[str, Any]:
         """What makes two trainings the same."""
@@ -80,6 +86,7 @@ class Training:
         curve_values = [asdict(point) for point in curve]
         return {
             **self.identity,
+            "built_in": baseline_paths().get(self.source.path.stem) == self.source.path,
             "agent_sha256": self.source.sha256,  # which may change while a training rests
             "curve": curve_values,
             "seconds": spent,
@@ -140,7 +147,10 @@ def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
             raise TrainError(f"{path}: {name}: unknown; known are {', '.join(known)}")
         if not (type(value) is known[name] or (known[name] is float and type(value) is int)):
             raise TrainError(f"{path}: {name}: {value!r} is not of type {known[name].__name__}")
-    return path.stem, replace(configs[base], **{name: known[name](value) for name, value in values.items()})
+    try:
+        return path.stem, replace(configs[base], **{name: known[name](value) for name, value in values.items()})
+    except ValueError as error:
+        raise TrainError(f"{path}: {error}") from None
 
 
 def train(
@@ -173,15 +183,23 @@ def train(
     Raises
     ------
     TrainError, WeightsError
-        When a checkpoint is there and ``resume`` is not given, or it is damaged or of another training.
+        When a checkpoint is there and ``resume`` is not given, or it is damaged or of another training; when the agent
+        cannot learn this scenario, or a library is missing.
     KeyboardInterrupt
         When the user interrupts; a checkpoint has been written.
     """
-    folder = out / training.scenario.id
-    kept, checkpoint = folder / f"{training.label}.safetensors", folder / f"{training.label}.checkpoint"
-    _torch().set_num_threads(threads)
-    learner = training.source.module().Learner(training.scenario, training.config, training.seed)
+    kept, checkpoint = training.files(out)
+    folder = kept.parent
+    _needed("safetensors", "tensorboard", "torch").set_num_threads(threads)
+    if training.source.weights is not None:
+        raise TrainError(f"{training.source.weights} are weights: name their agent; a training begins without any")
+    try:
+        learner = training.source.module().Learner(training.scenario, training.config, training.seed)
+    except ValueError as error:
+        raise TrainError(f"{training.source.name}: {error}") from None
     points, spent = _begin(training, learner, checkpoint, resume)
+    if points and not kept.exists():
+        raise TrainError(f"{kept}: the best weights so far are gone: put them back, or delete {checkpoint} to start over")
     started, saved = time.perf_counter(), time.perf_counter()
     updates, every = training.config.updates, training.config.validation
     board = _board(folder / f"{training.label}.tensorboard", learner.updates)
@@ -211,12 +229,12 @@ def train(
     return kept
 
 
-def _torch() -> Any:
-    """Return PyTorch, or say how to install it."""
+def _needed(*libraries: str) -> Any:
+    """Return the last of some libraries, or say how to install them."""
     try:
-        return importlib.import_module("torch")
+        return [importlib.import_module(name) for name in libraries][-1]
     except ImportError as error:
-        raise TrainError("training needs PyTorch: pip install 'uavbench[ddqn]'") from error
+        raise TrainError(f"training needs {error.name}: pip install 'uavbench[ddqn]'") from error
 
 
 def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> tuple[list[Point], float]:
@@ -225,15 +243,22 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
         return [], 0.0
     if not resume:
         raise TrainError(f"{checkpoint} is there already: go on with --resume, or delete it to start over")
+    for left in checkpoint.parent.glob(f".{checkpoint.name}.*"):
+        left.unlink()  # of a process that was killed while it wrote
     arrays, record = load_weights(checkpoint)
     for name, value in training.identity.items():
         if record.get(name) != value:
             raise TrainError(f"{checkpoint}: it is of another training: its {name} is {record.get(name)}, not {value}")
     try:
         learner.resume(arrays)
-    except (KeyError, ValueError, RuntimeError) as error:
-        raise WeightsError(f"{checkpoint}: damaged: {error!r}; delete it to start over") from None
-    return [Point(**point) for point in record["curve"]], record["seconds"]
+        again = learner.snapshot()
+        for name in sorted(arrays.keys() | again.keys()):  # what was not taken in as it is was not what it should be
+            if arrays[name].shape != again[name].shape or arrays[name].tobytes() != again[name].tobytes():
+                raise ValueError(f"{name} does not fit")
+        return [Point(**point) for point in record["curve"]], float(record["seconds"])
+    except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+        reason = str(error).splitlines()[0]
+        raise WeightsError(f"{checkpoint}: damaged: {reason}; delete it to start over") from None
 
 
 def _validate(training: Training, learner: Any, folder: Path, seconds: float) -> Point:
@@ -243,8 +268,10 @@ def _validate(training: Training, learner: Any, folder: Path, seconds: float) ->
     job = Job(replace(training.source, weights=latest), training.scenario, "validation")
     wanted = getattr(training.config, "validation_episodes", _VALIDATION_EPISODES)
     count = min(wanted, training.scenario.splits.validation.episodes)
-    records = list(evaluate(job, range(count)))
-    latest.unlink()
+    try:
+        records = list(evaluate(job, range(count)))
+    finally:
+        latest.unlink(missing_ok=True)
     scores = {name: float(np.mean([getattr(record, name) for record in records])) for name in METRICS}
     return Point(learner.updates, learner.samples, round(seconds, 1), **scores)
 

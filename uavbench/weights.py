@@ -3,14 +3,14 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.files import write_whole
-from uavbench.resources import shipped_weights
-from uavbench.scenario import Scenario
+from uavbench.resources import scenario_paths, shipped_weights
+from uavbench.scenario import Scenario, load_scenario
 
 _RECORD = "uavbench"  # the key of the record among a file's metadata
 
@@ -50,14 +50,39 @@ def load_weights(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         opened: Any = safe_open(path, framework="numpy")
         with opened as file:
             about: dict[str, str] = file.metadata() or {}
-            record = json.loads(about[_RECORD])
-            return {name: file.get_tensor(name) for name in file.keys()}, record  # noqa: SIM118
+            record: Any = json.loads(about[_RECORD])
+            if not isinstance(record, dict):
+                raise ValueError("its record is no table")
+            return {name: file.get_tensor(name) for name in file.keys()}, cast("dict[str, Any]", record)  # noqa: SIM118
     except FileNotFoundError:
         raise WeightsError(f"{path}: there is no such file") from None
     except KeyError:
         raise WeightsError(f"{path}: not weights that uavbench train wrote: it has no record of a training") from None
-    except (OSError, ValueError, SafetensorError) as error:
+    except (OSError, ValueError, TypeError, SafetensorError) as error:
         raise WeightsError(f"{path}: damaged: {error}") from None
+
+
+def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
+    """Return the arrays of weights that are to fly on a scenario.
+
+    Raises
+    ------
+    WeightsError
+        As `load_weights`, or when they were trained on another map or mission.
+    """
+    arrays, record = load_weights(path)
+    trained = record.get("scenario")
+    if trained != scenario.id and trained in scenario_paths():
+        other = load_scenario(trained)
+        for what, one, two in (
+            ("map", other.rows, scenario.rows),
+            ("mission", other.mission.kind, scenario.mission.kind),
+        ):
+            if one != two:
+                raise WeightsError(
+                    f"{path}: trained on {trained}, another {what} than that of {scenario.id}: --scenario {trained}"
+                )
+    return arrays
 
 
 def weights_path(agent: str, scenario: Scenario) -> Path:

@@ -130,9 +130,10 @@ class Curve(BaseCallback):
     def _on_step(self):
         spent = (time.perf_counter() - self.started - self.scored) / 60
         if spent >= self.every * (len(self.points) + 1):
-            paused, Agent.model = time.perf_counter(), self.model
+            paused, source = time.perf_counter(), find_agent(__file__)
+            source.load().model = self.model  # of the module that is evaluated, which is another than this
             samples = self.model._n_updates * BATCH
-            self.points.append(("Stable-Baselines3", round(spent, 2), samples, *score(find_agent(__file__), self.scenario)))
+            self.points.append(("Stable-Baselines3", round(spent, 2), samples, *score(source, self.scenario)))
             print(*self.points[-1], flush=True)
             self.scored += time.perf_counter() - paused
         return spent < self.minutes
@@ -150,7 +151,7 @@ def our_curve(scenario, minutes, every):
             learner.advance()
             spent += time.perf_counter() - started
             if spent >= 60 * every * (len(points) + 1):
-                save_weights(weights, learner.weights(), {})
+                save_weights(weights, learner.weights(), {"agent": "ddqn", "scenario": scenario.id})
                 points.append(("uavbench", round(spent / 60, 2), learner.samples, *score(find_agent(str(weights)), scenario)))
                 print(*points[-1], flush=True)
     return points

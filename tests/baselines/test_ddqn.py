@@ -2,19 +2,22 @@
 
 import os
 import signal
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from uavbench import load_scenario
 from uavbench.agent import AgentLoadError, find_agent
+from uavbench.cli import app
 from uavbench.evaluate import AgentError, Job, evaluate
 from uavbench.metrics import compare
 from uavbench.observation import Observer
+from uavbench.resources import shipped_weights
 from uavbench.simulator import Simulator
-from uavbench.train import TrainError, Training, read_config, train
+from uavbench.train import Point, TrainError, Training, read_config, train
 from uavbench.weights import WeightsError, load_weights, save_weights
 
 torch = pytest.importorskip("torch", reason="DDQN needs PyTorch: pip install 'uavbench[ddqn]'")
@@ -200,13 +203,158 @@ def test_weights_tell_how_they_came_about_and_fly(tmp_path):
     assert record["scenario"] == CPP.id
     assert record["config"]["updates"] == 40
     assert {"uavbench", "python", "torch"} <= record["versions"].keys()
-    assert [point["updates"] for point in record["curve"]][-1] in (20, 40)
     found = find_agent(str(kept))
     assert found.name == "ddqn-tiny-0"
     records = list(evaluate(Job(found, CPP, "validation"), range(5)))
     assert len(records) == 5
-    with pytest.raises(AgentError, match="does not fit Manhattan32-CPP-v0"):
-        list(evaluate(Job(found, load_scenario("Manhattan32-CPP-v0"), "validation"), range(1)))
+    assert found.trained_on == CPP.id
+    for name, reason in (("Manhattan32-CPP-v0", "another map than"), (DH.id, "another mission than")):
+        with pytest.raises(AgentError, match=reason) as error:
+            list(evaluate(Job(found, load_scenario(name), "validation"), range(1)))
+        assert "\n" not in str(error.value)
+
+
+def test_the_weights_that_are_kept_are_those_that_validate_best(tmp_path, monkeypatch):
+    scores, seen = iter([0.3, 0.8, 0.5, 0.8]), []
+
+    def validate(training, learner, folder, seconds):
+        seen.append({name: array.copy() for name, array in learner.weights().items()})
+        score = next(scores)
+        return Point(learner.updates, learner.samples, seconds, 1.0, score, score)
+
+    monkeypatch.setattr("uavbench.train._validate", validate)
+    kept = train(training(replace(TINY, validation=10)), tmp_path)
+    arrays, record = load_weights(kept)
+    assert all(np.array_equal(arrays[name], seen[3][name]) for name in arrays)  # of two alike the later one
+    scores = iter([0.3, 0.8, 0.5, 0.7])
+    kept = train(training(replace(TINY, validation=10), seed=1), tmp_path)
+    arrays, record = load_weights(kept)
+    assert all(np.array_equal(arrays[name], seen[5][name]) for name in arrays)
+    assert [point["updates"] for point in record["curve"]] == [10, 20]
+
+
+def test_a_kill_after_weights_were_kept_makes_no_difference(tmp_path, monkeypatch):
+    """The checkpoint is older than the weights then; the same updates are made again."""
+    monkeypatch.setattr("uavbench.train._CHECKPOINT_SECONDS", 0.0)
+    saved = []
+
+    def keep(updates):
+        if updates == 15:
+            saved.append(checkpoint.read_bytes())
+
+    checkpoint = training().files(tmp_path)[1]
+    kept = train(training(), tmp_path, on_update=keep)
+    whole = weights_of(kept), weights_of(checkpoint)
+    checkpoint.write_bytes(saved[0])
+    (checkpoint.parent / f".{checkpoint.name}.123").write_bytes(b"left by a process that was killed")
+    train(training(), tmp_path, resume=True)
+    assert (weights_of(kept), weights_of(checkpoint)) == whole
+    assert not list(checkpoint.parent.glob(".*.123"))
+
+
+def test_weights_that_are_gone_are_asked_for(tmp_path):
+    kept = train(training(), tmp_path)
+    kept.unlink()
+    with pytest.raises(TrainError, match="the best weights so far are gone"):
+        train(training(), tmp_path, resume=True)
+
+
+def spoilt(arrays, name, array):
+    found = {**arrays, name: array}
+    return {key: value for key, value in found.items() if value is not None}
+
+
+@pytest.mark.parametrize(
+    ("name", "array"),
+    [
+        ("replay.reward", np.zeros(1, dtype=np.float32)),
+        ("replay.reward", None),
+        ("optimizer.99.exp_avg", np.zeros(3, dtype=np.float32)),
+        ("surprise", np.zeros(3)),
+        ("network.dense.0.bias", np.full(256, np.nan, dtype=np.float32)),
+        ("counters", np.zeros(4, dtype=np.int32)),
+    ],
+)
+def test_a_checkpoint_that_does_not_fit_is_refused(name, array, tmp_path):
+    train(training(), tmp_path)
+    checkpoint = training().files(tmp_path)[1]
+    arrays, record = load_weights(checkpoint)
+    save_weights(checkpoint, spoilt(arrays, name, array), record)
+    with pytest.raises(WeightsError, match="damaged") as error:
+        train(training(), tmp_path, resume=True)
+    assert "\n" not in str(error.value)
+    save_weights(checkpoint, arrays, {key: value for key, value in record.items() if key != "curve"})
+    with pytest.raises(WeightsError, match="damaged"):
+        train(training(), tmp_path, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "reason"),
+    [
+        ("dense.6.bias", np.full(6, np.nan, dtype=np.float32), "dense.6.bias: holds numbers that are not finite"),
+        ("dense.6.bias", np.zeros(5, dtype=np.float32), r"dense.6.bias has shape \(5,\), expected \(6,\)"),
+        ("dense.6.bias", None, r"dense.6.bias has shape None, expected \(6,\)"),
+        ("budget_scale", np.ones(2), r"budget_scale has shape \(2,\), expected \(1,\)"),
+    ],
+)
+def test_weights_that_do_not_fit_are_refused_in_one_line(name, array, reason, tmp_path):
+    kept = train(training(), tmp_path)
+    arrays, record = load_weights(kept)
+    save_weights(kept, spoilt(arrays, name, array), record)
+    with pytest.raises(AgentError, match=reason) as error:
+        list(evaluate(Job(find_agent(str(kept)), CPP, "validation"), range(1)))
+    assert "\n" not in str(error.value)
+
+
+def test_weights_of_a_learner_of_ones_own_fly_with_its_code(tmp_path):
+    mine = tmp_path / "ddqn.py"  # called as a built-in
+    mine.write_text(SOURCE.path.read_text(encoding="utf-8").replace(".argmax(dim=1).numpy()", ".argmax(dim=1).numpy() * 0 + 5"))
+    source = find_agent(str(mine))
+    kept = train(Training(source, CPP, "tiny", replace(TINY, updates=2, validation=2), 0), tmp_path)
+    with pytest.raises(AgentLoadError, match=r"weights of your own ddqn: --agent ddqn.py --weights"):
+        find_agent(str(kept))
+    found = find_agent(str(mine), kept)
+    assert found.name == "ddqn-tiny-0"
+    assert all(record.steps == 1 for record in evaluate(Job(found, CPP, "test"), range(5)))
+    assert found.digest(CPP) not in (source.digest(CPP), find_agent("ddqn", kept).digest(CPP))
+    with pytest.raises(AgentLoadError, match="no such file"):
+        find_agent(str(mine), tmp_path / "none")
+    model = tmp_path / "m.onnx"
+    model.write_bytes(b"")
+    with pytest.raises(AgentLoadError, match="leave --weights out"):
+        find_agent(str(model), kept)
+    with pytest.raises(TrainError, match="begins without any"):
+        train(Training(found, CPP, "tiny", TINY, 0), tmp_path / "again")
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["pilot", "--scenario", "Block8-DH-v0"], "pilot: Block8-DH-v0: pilot learns nothing in DH"),
+        (["ddqn", "--scenario", "Manhattan32-CPP-Team-v0"], "ddqn: ddqn learns to fly one UAV"),
+        (["ddqn", "--scenario", "Block8-CPP-v0", "--out", "FILE"], "cannot write"),
+        (["greedy"], "cannot be trained"),
+    ],
+)
+def test_train_says_in_one_line_what_it_cannot_do(words, reason, tmp_path):
+    (tmp_path / "file").write_text("")
+    told = CliRunner().invoke(app, ["train", *(str(tmp_path / "file") if word == "FILE" else word for word in words)])
+    assert (told.exit_code, reason in told.output) == (2, True), told.output
+    assert "Traceback" not in told.output
+
+
+def test_shipped_weights_fly_as_the_paper_says():
+    """The reference agent on the paper's scenarios: a few episodes of each; the leaderboard has all."""
+    shipped = shipped_weights("ddqn")
+    assert {"Manhattan32-CPP-v0", "Manhattan32-DH-v0"} <= shipped.keys()
+    for name, path in shipped.items():
+        assert path.stat().st_size < 5_000_000
+        assert load_weights(path)[1]["config"] == asdict(DDQN.CONFIGS["fast"])
+        scenario = load_scenario(name)
+        records = list(evaluate(Job(SOURCE, scenario, "validation"), range(50)))
+        assert np.mean([record.landed for record in records]) > 0.9
+        assert np.mean([record.cral for record in records]) > 0.6
+        assert SOURCE.digest(scenario) not in (SOURCE.sha256, SOURCE.digest(CPP))
 
 
 def test_damaged_and_foreign_files_are_refused_in_one_line(tmp_path):
@@ -243,6 +391,12 @@ def test_damaged_and_foreign_files_are_refused_in_one_line(tmp_path):
         ("updates = 'many'", "updates: 'many' is not of type int"),
         ("updates = 2.5", "updates: 2.5 is not of type int"),
         ("base = 'slow'", "base: 'slow'"),
+        ("validation = 0", "validation: 0 is not from 1 to"),
+        ("updates = -1", "updates: -1 is not from 1 to"),
+        ("discount = 1.5", "discount: 1.5 is not from 0 to 1"),
+        ("rate = nan", "rate: nan is not"),
+        ("temperature = 0", "temperature: 0"),
+        ("replay = 1000", "replay: 1000 steps: 128 environments need 10 each"),
         ("updates =", "cannot read"),
     ],
 )

@@ -1,7 +1,10 @@
 """Pilot sees no more than the observation, always lands, and learns to complete the map."""
 
+import os
+import signal
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -9,6 +12,7 @@ from uavbench import load_scenario
 from uavbench.agent import find_agent
 from uavbench.evaluate import Job, evaluate
 from uavbench.train import Training, train
+from uavbench.weights import load_weights
 
 torch = pytest.importorskip("torch", reason="pilot needs PyTorch: pip install 'uavbench[ddqn]'")
 
@@ -48,10 +52,35 @@ def test_training_that_is_interrupted_ends_as_if_it_had_not_been(tmp_path):
     config = replace(PILOT.CONFIGS["fast"], updates=4, episodes=2, views=3, validation=4, validation_episodes=1)
     training = Training(SOURCE, scenario, "tiny", config, 0)
     whole = train(training, tmp_path / "whole")
-    train(training, tmp_path / "parts", seconds=0.0)
+
+    def interrupt(updates):
+        if updates == 2:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        train(training, tmp_path / "parts", on_update=interrupt)
     parts = train(training, tmp_path / "parts", resume=True)
-    ours, theirs = (PILOT.load(path, scenario).state_dict() for path in (whole, parts))
-    assert all(torch.equal(ours[name], theirs[name]) for name in ours)
+    for ours, theirs in ((whole, parts), (training.files(tmp_path / "whole")[1], training.files(tmp_path / "parts")[1])):
+        ours, theirs = load_weights(ours)[0], load_weights(theirs)[0]
+        assert ours.keys() == theirs.keys()
+        assert all(np.array_equal(ours[name], theirs[name]) for name in ours)
+
+
+def test_what_is_said_of_the_episode_changes_nothing():
+    """Its number and its split would tell everything."""
+    scenario = load_scenario("Block8-CPP-v0")
+    env = gym.make("uavbench:uavbench/Block8-CPP-v0", disable_env_checker=True)
+    flown = []
+    for change in ({"seed": 1}, {"seed": 1, "episode": 7, "episode_number": 7, "split": "train"}):
+        observation, info = env.reset(options={"split": "test", "episode": 3})
+        agent, actions, done = SOURCE.make(scenario), [], False
+        agent.reset({**info, **change})
+        while not done:
+            actions.append(int(agent.act(observation, {**info, **change})))
+            observation, _, done, _, info = env.step(actions[-1])
+        flown.append(actions)
+    assert flown[0] == flown[1]
+    assert len(flown[0]) > 5
 
 
 def test_dh_needs_no_training():

@@ -14,7 +14,7 @@ def train(
     config: Annotated[
         str, typer.Option(help="One of the agent's own (ddqn: paper, fast), or a .toml file of what differs.")
     ] = "fast",
-    seed: Annotated[int, typer.Option(min=0, help="Another seed, another training.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**24 - 1, help="Another seed, another training.")] = 0,
     out: Annotated[Path, typer.Option(help="Where weights, checkpoints and curves go.")] = Path("runs"),
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
     threads: Annotated[int, typer.Option(min=1, help="Of the network's arithmetic.")] = 1,
@@ -28,14 +28,16 @@ def train(
     from uavbench import ScenarioError, load_scenario
     from uavbench.agent import AgentLoadError, find_agent
     from uavbench.display import training_progress
+    from uavbench.evaluate import AgentError
     from uavbench.train import TrainError, Training, read_config
     from uavbench.train import train as train_agent
     from uavbench.weights import WeightsError
 
-    console = Console()
+    console, checkpoint = Console(), None
     try:
         source = find_agent(agent)
         training = Training(source, load_scenario(scenario), *read_config(source, config), seed)
+        checkpoint = training.files(out)[1]
         with training_progress(console, f"{training.label} on {training.scenario.id}") as progress:
             kept = train_agent(
                 training,
@@ -46,17 +48,24 @@ def train(
                 on_update=progress.advance,
                 on_point=progress.add_point,
             )
-        console.print(f"next:  uavbench evaluate --agent {kept} --scenario {scenario}", highlight=False, soft_wrap=True)
-    except (AgentLoadError, ScenarioError, TrainError, WeightsError) as error:
+        flies = f"{kept}" if source.path.stem == agent else f"{agent} --weights {kept}"
+        console.print(f"next:  uavbench evaluate --agent {flies} --scenario {scenario}", highlight=False, soft_wrap=True)
+    except (AgentError, AgentLoadError, ScenarioError, TrainError, WeightsError) as error:
         raise fail(error) from None
+    except OSError as error:
+        raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
     except KeyboardInterrupt:
-        raise fail(f"interrupted; the checkpoint is in {out}, and --resume goes on", 1) from None
+        there = checkpoint is not None and checkpoint.exists()
+        hint = f"--resume goes on from {checkpoint}" if there else "there was no checkpoint yet"
+        raise fail(f"interrupted; {hint}", 1) from None
 
 
 def export(
     agent: Annotated[str, typer.Argument(help="A built-in that has learned, or a .safetensors file.")],
     path: Annotated[Path, typer.Argument(help="The model to write, model.onnx.")],
-    scenario: Annotated[str, typer.Option(help="Whose observations it is to take.")] = "Manhattan32-CPP-v0",
+    scenario: Annotated[
+        str | None, typer.Option(help="Whose observations it is to take; by default what it was trained on.")
+    ] = None,
 ) -> None:
     """Write a learned agent as an ONNX model.
 
@@ -68,7 +77,11 @@ def export(
     from uavbench.export import export as export_agent
 
     try:
-        export_agent(find_agent(agent), load_scenario(scenario), path)
+        source = find_agent(agent)
+        loaded = load_scenario(scenario or source.trained_on)
+        export_agent(source, loaded, path)
     except (AgentLoadError, ScenarioError, ExportError, ValueError) as error:
         raise fail(error) from None
-    typer.echo(f"wrote {path}; next:  uavbench evaluate --agent {path} --scenario {scenario}")
+    except OSError as error:
+        raise fail(f"cannot write {path}: {error.strerror}") from None
+    typer.echo(f"wrote {path}; next:  uavbench evaluate --agent {path} --scenario {scenario or loaded.id}")

@@ -89,7 +89,7 @@ def fly_again(
         When it is another agent than the submission says, takes another action, or the submission does not hold.
     """
     said = submission.manifest.result
-    for field, found in {"track": source.track, "agent_sha256": source.sha256}.items():
+    for field, found in {"track": source.track, "agent_sha256": source.digest(submission.scenario)}.items():
         if getattr(said, field) != found:
             raise SubmissionError(f"{submission.label}: {field}: {source.name} has {found}, not {getattr(said, field)}")
     recorded = [record.actions for record in check(submission)]
@@ -100,7 +100,7 @@ def fly_again(
                 f"{submission.label}: episode {record.episode}: {source.name} acts otherwise from step {first} on"
             )
         on_record(record)
-    return Rerun(submission.label, source.sha256, actions_digest(submission), episodes)
+    return Rerun(submission.label, said.agent_sha256, actions_digest(submission), episodes)
 
 
 def _first_difference(record: EpisodeRecord, actions: np.ndarray) -> int:
