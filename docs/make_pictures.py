@@ -12,7 +12,10 @@ import matplotlib.pyplot as plt
 
 import uavbench
 from uavbench.agent import find_agent
+from uavbench.leaderboard.submission import load_submission
+from uavbench.plot import save_plot
 from uavbench.state_view import StateView
+from uavbench.watch import recorded_scenes
 
 IMAGES = Path(__file__).parent / "images"
 FLIGHTS = (("Manhattan32-CPP-v0", 17), ("Urban50-DH-v0", 17), ("Urban50-CPP-Team-v0", 13))
@@ -42,7 +45,7 @@ def photograph():
     page_file = Path(__file__).parent.parent / "leaderboard" / "index.html"
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 1000, "height": 800}, color_scheme="light")
+        page = browser.new_page(viewport={"width": 1240, "height": 800}, color_scheme="light")
         page.goto(page_file.as_uri())
         page.select_option("#scenario", "Manhattan32-DH-v0")
         page.click("tr[data-name=planner] .open")
@@ -56,7 +59,7 @@ def photograph():
         page.keyboard.press("End")
         for _ in range(25):
             page.keyboard.press("ArrowLeft")
-        page.evaluate("document.querySelector('section').hidden = true; scrollTo(0, 0)")
+        page.evaluate("document.activeElement.blur(); document.querySelector('section').hidden = true; scrollTo(0, 0)")
         page.screenshot(path=IMAGES / "leaderboard.png", full_page=True)
         browser.close()
     print(f"wrote {IMAGES / 'leaderboard.png'}")
@@ -76,6 +79,14 @@ def main():
     print(f"wrote {path}")
 
 
+def plot():
+    """Draw a flight of planner as the documentation shows it."""
+    result = load_submission(Path(__file__).parent.parent / "leaderboard" / "submissions" / "planner" / "Manhattan32-DH-v0").result
+    save_plot(recorded_scenes(result, 17)[-1], IMAGES / "plot.png")
+    print(f"wrote {IMAGES / 'plot.png'}")
+
+
 if __name__ == "__main__":
     main()
+    plot()
     photograph()

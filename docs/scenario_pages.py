@@ -14,7 +14,9 @@ from uavbench.scene import city_colours
 DOCS = Path(__file__).parent
 FOLDER = DOCS / "scenario"
 BOARD = DOCS.parent / "leaderboard" / "leaderboard.csv"
-HISTORY = {"v0": "The rules of the paper and of the authors' code, branch `icar`; [what was corrected](../errata.md)."}
+#: What each version of an id changed; the first one is the same for all.
+HISTORY: dict[str, str] = {}
+FIRST = "The rules of the paper and of the authors' code, branch `icar`, [corrected](../errata.md)"
 
 
 def write_pages(_app=None):
@@ -59,7 +61,6 @@ def page(scenario):
         "validation and test episodes": f"{scenario.splits.validation.episodes}, {scenario.splits.test.episodes}",
         "digest": f"`{scenario.digest[:16]}…`",
     }
-    version = scenario.id.rsplit("-", 1)[1]
     return "\n".join(
         [
             f"# {scenario.id}",
@@ -82,25 +83,42 @@ def page(scenario):
             "",
             "## Version history",
             "",
-            f"- **{version}**: {HISTORY[version]}",
+            *history(scenario),
             "",
         ]
     )
 
 
+def history(scenario):
+    """Return a line for each version of an id up to this one."""
+    name, _, version = scenario.id.rpartition("-v")
+    own = "" if scenario.team is False and "Block8" not in name else "; the map or the team is this suite's own"
+    lines = [f"- **v0**: {FIRST}{own}."]
+    for k in range(1, int(version) + 1):
+        if f"{name}-v{k}" not in HISTORY:
+            raise KeyError(f"docs/scenario_pages.py: HISTORY: say what {name}-v{k} changed")
+        lines.append(f"- **v{k}**: {HISTORY[f'{name}-v{k}']}")
+    return lines
+
+
 def results(name):
-    """Return the table of a scenario's rows of the leaderboard."""
+    """Return the tables of a scenario's rows of the leaderboard, one a track, in %."""
     rows = [row for row in csv.DictReader(BOARD.read_text(encoding="utf-8").splitlines()) if row["scenario"] == name]
     if not rows:
         return ["None on the leaderboard."]
-    lines = [
-        "| rank | agent | track | Landed | CR | CRAL | 95 % interval | tier |",
-        "| ---: | --- | --- | ---: | ---: | ---: | ---: | --- |",
-    ]
-    for row in rows:
-        interval = f"[{row['cral_low']}, {row['cral_high']}]" if row["cral_low"] else ""
-        cells = [row["rank"], row["name"], row["track"], row["landed"], row["cr"], row["cral"], interval, row["tier"]]
-        lines.append("| " + " | ".join(cells) + " |")
+    lines = ["In %, with the 95 % interval of CRAL."]
+    for track in dict.fromkeys(row["track"] for row in rows):
+        lines += [
+            "",
+            f"Agents that see the {'observation only' if track == 'observation' else 'whole state'}:",
+            "",
+            "| rank | agent | Landed | CR | CRAL | | tier |",
+            "| ---: | --- | ---: | ---: | ---: | ---: | --- |",
+        ]
+        for row in sorted((row for row in rows if row["track"] == track), key=lambda row: -float(row["cral"])):
+            interval = f"[{row['cral_low']}, {row['cral_high']}]" if row["cral_low"] else ""
+            cells = [row["rank"], row["name"], row["landed"], row["cr"], row["cral"], interval, row["tier"]]
+            lines.append("| " + " | ".join(cells) + " |")
     return lines
 
 
