@@ -81,7 +81,10 @@ def test_help_has_examples_for_every_command(call):
     ("words", "message"),
     [
         (["show", "Manhatan32-CPP-v0"], "did you mean Manhattan32-CPP-v0?"),
-        (["evaluate", "--agent", "gredy"], "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp"),
+        (
+            ["evaluate", "--agent", "gredy"],
+            "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp",
+        ),
         (["evaluate", "--agent", "random", "--scenario", "Block9"], "unknown scenario"),
         (["evaluate", "--agent", "random", "--split", "tset"], "--split"),
         (["evaluate", "--agent", "random", "--episodes", "5000"], "has 1000 test episodes"),
