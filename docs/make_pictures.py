@@ -81,7 +81,9 @@ def main():
 
 def plot():
     """Draw a flight of planner as the documentation shows it."""
-    result = load_submission(Path(__file__).parent.parent / "leaderboard" / "submissions" / "planner" / "Manhattan32-DH-v0").result
+    result = load_submission(
+        Path(__file__).parent.parent / "leaderboard" / "submissions" / "planner" / "Manhattan32-DH-v0"
+    ).result
     save_plot(recorded_scenes(result, 17)[-1], IMAGES / "plot.png")
     print(f"wrote {IMAGES / 'plot.png'}")
 

@@ -33,7 +33,7 @@ def results(tmp_path_factory):
     out = tmp_path_factory.mktemp("results")
     names = ("Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0")
     return {
-        (agent, name): run(Job(find_agent(agent), load_scenario(name), "test"), 60, out)
+        (agent, name): run(Job(find_agent(agent), load_scenario(name), "test"), 20 if "Team" in name else 60, out)
         for agent in ("greedy", "random")
         for name in names
     }
@@ -52,7 +52,7 @@ def test_scenes_are_those_of_the_recorded_flight(results, name):
     assert scenes[-1].crashes == []
     assert scenes[0].title.startswith(f"Movement 0/{row['budget']:.0f}, CR = 0.00")
     assert len(scenes) == len(result.actions()[17]) + 1
-    with pytest.raises(ResultError, match="60 is not one of the episodes 0 to 59"):
+    with pytest.raises(ResultError, match="60 is not one of the episodes 0 to"):
         recorded_scenes(result, 60)
 
 
@@ -201,7 +201,7 @@ def test_a_scenario_that_has_moved_is_asked_for(tmp_path):
     mine.write_text(text, encoding="utf-8")
     result = run(Job(find_agent("greedy"), load_scenario(str(mine)), "train"), 2, tmp_path / "out")
     moved = mine.rename(tmp_path / "moved.toml")
-    for command, name in (("plot", "a.png"), ("film", "a.gif"), ("report", "r")):
+    for command, name in (("plot", "a.png"), ("film", "a.gif")):
         told = uavbench_command(command, result.folder, "--out", tmp_path / name)
         assert (told.exit_code, "--scenario FILE" in told.output) == (2, True), told.output
         told = uavbench_command(command, result.folder, "--out", tmp_path / name, "--scenario", moved)

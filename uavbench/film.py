@@ -89,15 +89,15 @@ def _gif(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
     """Return the film, in one palette of its own colours: so what does not change from frame to frame is not written again."""
     picked: list[int] = np.linspace(0, len(scenes) - 1, min(len(scenes), _PALETTE_FRAMES)).astype(int).tolist()
     some = [_frame(scenes[k]) for k in picked]
-    colours = np.unique(np.concatenate([picture.reshape(-1, 3) for picture in some]), axis=0)
+    colours = np.unique(np.concatenate([np.unique(_codes(picture)) for picture in some]))
     palette = Image.new("P", (1, 1))
     if len(colours) <= 256:
-        palette.putpalette(colours.astype(np.uint8).tobytes())
+        palette.putpalette((colours[:, None] >> np.array([16, 8, 0], dtype=np.uint32)).astype(np.uint8).tobytes())
     else:
         palette = Image.fromarray(np.concatenate(some)).quantize(256, dither=Image.Dither.NONE)
     pictures: list[Image.Image] = []
     for scene in scenes:
-        pictures.append(Image.fromarray(_frame(scene)).quantize(palette=palette, dither=Image.Dither.NONE))
+        pictures.append(_indexed(_frame(scene), colours, palette))
         on_frame(scene)
     ends = np.round(np.arange(1, len(pictures)) * 100 / fps).astype(int)  # in hundredths of a second
     durations = [*(10 * np.diff(ends, prepend=0)).tolist(), round(1000 * _LAST_SECONDS)]
@@ -106,6 +106,23 @@ def _gif(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
         buffer, "GIF", save_all=True, append_images=pictures[1:], duration=durations, loop=0, optimize=False, disposal=1
     )
     return buffer.getvalue()
+
+
+def _codes(picture: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Return each colour of a picture as a number."""
+    red, green, blue = np.moveaxis(picture.astype(np.uint32), -1, 0)
+    return red << 16 | green << 8 | blue
+
+
+def _indexed(picture: NDArray[np.uint8], colours: NDArray[np.uint32], palette: Image.Image) -> Image.Image:
+    """Return a picture in a palette: looked up, if that has all its colours (ten times as fast), else by the nearest."""
+    asked = _codes(picture)
+    place = np.searchsorted(colours, asked).clip(max=len(colours) - 1)
+    if len(colours) > 256 or (colours[place] != asked).any():
+        return Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
+    found = Image.fromarray(place.astype(np.uint8), "P")
+    found.putpalette(palette.getpalette() or [])
+    return found
 
 
 _WRITERS = {".mp4": _mp4, ".gif": _gif}

@@ -66,7 +66,8 @@ def test_tracks_are_apart_and_overall_needs_all_four_scenarios():
 
 
 def test_any_two_whose_difference_is_not_significant_share_a_rank():
-    entries = list(itertools.chain(*(agent(f"a{k}", 0.3 + 0.0005 * k * k, noise=0.02) for k in range(8))))
+    one = PAPER_SCENARIOS[:1]
+    entries = list(itertools.chain(*(agent(f"a{k}", 0.3 + 0.0005 * k * k, 0.02, one) for k in range(8))))
     rows = [row for row in rank(entries) if row.scenario == PAPER_SCENARIOS[0] and row.rank]
     values = {
         each.submission.manifest.name: each.values("cral")
