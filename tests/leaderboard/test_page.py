@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 
 from uavbench.leaderboard.board import build, submission_folders
-from uavbench.leaderboard.page import page_text
-from uavbench.leaderboard.ranking import Entry, rank
 from uavbench.leaderboard.submission import load_submission
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the page needs Playwright: pip install 'uavbench[dev]'")
@@ -156,15 +154,16 @@ def test_every_flight_ends_as_in_the_submission(board, opened, results):
 
 
 @pytest.mark.slow
-def test_every_official_flight_ends_as_in_the_submission_and_the_page_is_small(opened, tmp_path):
-    entries = [Entry(load_submission(folder), None) for folder in submission_folders(OFFICIAL)]
-    path = tmp_path / "index.html"
-    path.write_text(page_text(rank(entries), entries), encoding="utf-8")
+def test_every_official_flight_ends_as_in_the_submission_and_the_page_is_small(opened):
+    """The committed page; that it is the one which is built from the submissions is another check of CI's."""
+    path = OFFICIAL.parent / "index.html"
     assert path.stat().st_size < 3e6
     page = opened(path)
-    for entry in entries:
-        found = page.evaluate("([agent, id]) => Viewer.replayAll(agent, id)", entry.submission.label.split("/"))
-        assert [cr for cr, _ in found] == pytest.approx(entry.values("cr")[: len(found)].tolist(), abs=1e-5)
+    for folder in submission_folders(OFFICIAL):
+        submission = load_submission(folder)
+        found = page.evaluate("([agent, id]) => Viewer.replayAll(agent, id)", submission.label.split("/"))
+        assert len(found) >= 100
+        assert [cr for cr, _ in found] == pytest.approx(submission.result.episodes()["cr"].tolist()[: len(found)], abs=1e-5)
 
 
 def test_reads_well_on_a_phone_and_in_the_dark(board, opened):
