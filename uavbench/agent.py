@@ -61,6 +61,11 @@ class AgentSource:
         """SHA-256 of the Python file."""
         return hashlib.sha256(self.path.read_bytes()).hexdigest()
 
+    @property
+    def built_in(self) -> bool:
+        """Whether it comes with the suite."""
+        return resources.baseline_paths().get(self.path.stem) == self.path
+
     def digest(self, scenario: Scenario) -> str:
         """Return the SHA-256 of what acts on ``scenario``.
 
@@ -68,7 +73,7 @@ class AgentSource:
         hex, one after the other.
         """
         weights = self.weights
-        if weights is None and resources.baseline_paths().get(self.path.stem) == self.path:
+        if weights is None and self.built_in:
             weights = resources.shipped_weights(self.path.stem).get(scenario.id)
         if weights is None:
             return self.sha256

@@ -22,7 +22,6 @@ from uavbench.agent import AgentSource
 from uavbench.evaluate import Job, evaluate
 from uavbench.interrupt import interrupt_waits
 from uavbench.metrics import METRICS
-from uavbench.resources import baseline_paths
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, load_weights, save_weights
 
@@ -86,7 +85,7 @@ class Training:
         curve_values = [asdict(point) for point in curve]
         return {
             **self.identity,
-            "built_in": baseline_paths().get(self.source.path.stem) == self.source.path,
+            "built_in": self.source.built_in,
             "agent_sha256": self.source.sha256,  # which may change while a training rests
             "curve": curve_values,
             "seconds": spent,
@@ -257,7 +256,7 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
                 raise ValueError(f"{name} does not fit")
         return [Point(**point) for point in record["curve"]], float(record["seconds"])
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-        reason = str(error).splitlines()[0]
+        reason = (str(error) or repr(error)).splitlines()[0]
         raise WeightsError(f"{checkpoint}: damaged: {reason}; delete it to start over") from None
 
 

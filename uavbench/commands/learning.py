@@ -48,7 +48,7 @@ def train(
                 on_update=progress.advance,
                 on_point=progress.add_point,
             )
-        flies = f"{kept}" if source.path.stem == agent else f"{agent} --weights {kept}"
+        flies = f"{kept}" if source.built_in else f"{agent} --weights {kept}"
         console.print(f"next:  uavbench evaluate --agent {flies} --scenario {scenario}", highlight=False, soft_wrap=True)
     except (AgentError, AgentLoadError, ScenarioError, TrainError, WeightsError) as error:
         raise fail(error) from None

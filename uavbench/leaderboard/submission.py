@@ -73,7 +73,7 @@ class Summary(Record):
     decisions_per_second: Annotated[float, Field(strict=True, ge=1e-3, le=1e9)]
     wall_time: Annotated[float, Field(strict=True, ge=0, le=1e9)]
     workers: _Count
-    versions: dict[Literal["python", "numpy", "numba", "platform"], _Line]
+    versions: Annotated[dict[Literal["python", "numpy", "numba", "platform"], _Line], Field(min_length=4)]
 
 
 class Manifest(Record):
