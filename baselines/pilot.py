@@ -46,7 +46,13 @@ class Believed:
 
 
 class Flights(Planner):
-    """The planner, told of what has turned out to be otherwise."""
+    """The planner, told of what has turned out to be otherwise: it searches little for a first flight, and mends that more."""
+
+    def __init__(self, scenario):
+        super().__init__(scenario)
+        self.searches, self.changes = (2 if self._harvests else 1), 250_000
+        if not self._harvests:  # where it mends only when there is something new
+            self.mending_changes, self.mending_heat = 200_000, 1.0
 
     def revise(self, believed):
         """Take in new devices, or mend the flight for new targets."""

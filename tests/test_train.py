@@ -1,5 +1,6 @@
 """Training, whoever learns: interrupted or not it ends alike, and what is damaged, foreign or wrong is said in a line."""
 
+import hashlib
 import os
 import signal
 from dataclasses import replace
@@ -83,6 +84,35 @@ def test_weights_that_are_gone_are_asked_for(tmp_path):
         train(training(), tmp_path, resume=True)
 
 
+def test_a_training_that_begins_from_weights_goes_on_from_what_they_know(tmp_path):
+    first = train(training(), tmp_path / "first")
+    untouched = replace(training(replace(TINY, updates=1, validation=1, rate=0.0)), start=first)
+    kept = train(untouched, tmp_path / "second")
+    assert weights_of(kept) == weights_of(first)
+    record = load_weights(kept)[1]
+    assert record["start_sha256"] == hashlib.sha256(first.read_bytes()).hexdigest()
+    assert load_weights(first)[1]["start_sha256"] is None
+    with pytest.raises(TrainError, match=r"its start_sha256 is .*, not None"):
+        train(replace(untouched, start=None), tmp_path / "second", resume=True)
+
+
+def test_weights_that_a_training_cannot_begin_from_are_refused(tmp_path):
+    first = train(training(), tmp_path)
+    with pytest.raises(WeightsError, match="there is no such file"):
+        train(replace(training(), start=tmp_path / "none"), tmp_path / "second")
+    with pytest.raises(WeightsError, match="another mission"):
+        train(replace(training(scenario=DH), start=first), tmp_path / "second")
+    mine = tmp_path / "mine.py"
+    mine.write_text(SOURCE.path.read_text(encoding="utf-8").replace("def start_from", "def other"))
+    with pytest.raises(TrainError, match=r"no start_from\(path\)"):
+        train(Training(find_agent(str(mine)), CPP, "tiny", TINY, 0, first), tmp_path / "second")
+    told = CliRunner().invoke(
+        app, ["train", "ddqn", "--scenario", CPP.id, "--from", str(tmp_path / "none"), "--out", str(tmp_path)]
+    )
+    assert (told.exit_code, "there is no such file" in told.output) == (2, True), told.output
+    assert not (tmp_path / "second").exists()
+
+
 @pytest.mark.parametrize(
     ("name", "array"),
     [
@@ -124,7 +154,7 @@ def test_weights_of_a_learner_of_ones_own_fly_with_its_code(tmp_path):
     model.write_bytes(b"")
     with pytest.raises(AgentLoadError, match="leave --weights out"):
         find_agent(str(model), kept)
-    with pytest.raises(TrainError, match="begins without any"):
+    with pytest.raises(TrainError, match="--from begins from weights"):
         train(Training(found, CPP, "tiny", TINY, 0), tmp_path / "again")
 
 

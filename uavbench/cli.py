@@ -290,6 +290,7 @@ def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml fi
 app.command(
     epilog="\b\nExamples:\n  uavbench train ddqn --scenario Manhattan32-CPP-v0\n"
     "  uavbench train ddqn --scenario Urban50-DH-v0 --config my_config.toml --seed 1 --resume\n"
+    "  uavbench train ddqn --scenario Urban50-DH-v0 --config finish --from runs/Urban50-DH-v0/ddqn-fast-0.safetensors\n"
     "  uavbench evaluate --agent runs/Manhattan32-CPP-v0/ddqn-fast-0.safetensors"
 )(learning.train)
 app.command(

@@ -5,6 +5,7 @@ docs/agents.md. Everything that the training needs to go on is in one checkpoint
 highest CRAL on validation episodes.
 """
 
+import hashlib
 import importlib
 import math
 import platform
@@ -48,6 +49,8 @@ class Training:
     config : dataclass
         How to train.
     seed : int
+    start : Path, optional
+        Weights to begin from.
     """
 
     source: AgentSource
@@ -55,6 +58,7 @@ class Training:
     name: str
     config: Any
     seed: int
+    start: Path | None = None
 
     @property
     def label(self) -> str:
@@ -76,6 +80,7 @@ class Training:
             "config_name": self.name,
             "config": asdict(self.config),
             "seed": self.seed,
+            "start_sha256": None if self.start is None else hashlib.sha256(self.start.read_bytes()).hexdigest(),
         }
 
     def record(self, curve: list["Point"], seconds: float | None = None) -> dict[str, Any]:
@@ -183,7 +188,7 @@ def train(
     ------
     TrainError, WeightsError
         When a checkpoint is there and ``resume`` is not given, or it is damaged or of another training; when the agent
-        cannot learn this scenario, or a library is missing.
+        cannot learn this scenario, or begin from the weights given, or a library is missing.
     KeyboardInterrupt
         When the user interrupts; a checkpoint has been written.
     """
@@ -191,11 +196,15 @@ def train(
     folder = kept.parent
     _needed("safetensors", "tensorboard", "torch").set_num_threads(threads)
     if training.source.weights is not None:
-        raise TrainError(f"{training.source.weights} are weights: name their agent; a training begins without any")
+        raise TrainError(f"{training.source.weights} are weights: name their agent; --from begins from weights")
     try:
         learner = training.source.module().Learner(training.scenario, training.config, training.seed)
     except ValueError as error:
         raise TrainError(f"{training.source.name}: {error}") from None
+    if training.start is not None:
+        if not hasattr(learner, "start_from"):
+            raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
+        learner.start_from(training.start)
     points, spent = _begin(training, learner, checkpoint, resume)
     if points and not kept.exists():
         raise TrainError(f"{kept}: the best weights so far are gone: put them back, or delete {checkpoint} to start over")

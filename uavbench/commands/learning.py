@@ -12,9 +12,10 @@ def train(
     agent: Annotated[str, typer.Argument(help="A built-in that learns, or path.py with a Learner.")],
     scenario: Annotated[str, typer.Option(help="An id, or the path of a .toml file.")] = "Manhattan32-CPP-v0",
     config: Annotated[
-        str, typer.Option(help="One of the agent's own (ddqn: paper, fast), or a .toml file of what differs.")
+        str, typer.Option(help="One of the agent's own (ddqn: paper, fast, finish), or a .toml file of what differs.")
     ] = "fast",
     seed: Annotated[int, typer.Option(min=0, max=2**24 - 1, help="Another seed, another training.")] = 0,
+    start: Annotated[Path | None, typer.Option("--from", help="Weights to begin from; by default none.")] = None,
     out: Annotated[Path, typer.Option(help="Where weights, checkpoints and curves go.")] = Path("runs"),
     resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
     threads: Annotated[int, typer.Option(min=1, help="Of the network's arithmetic.")] = 1,
@@ -36,7 +37,7 @@ def train(
     console, checkpoint = Console(), None
     try:
         source = find_agent(agent)
-        training = Training(source, load_scenario(scenario), *read_config(source, config), seed)
+        training = Training(source, load_scenario(scenario), *read_config(source, config), seed, start)
         checkpoint = training.files(out)[1]
         with training_progress(console, f"{training.label} on {training.scenario.id}") as progress:
             kept = train_agent(
