@@ -44,8 +44,8 @@ class Config:
         Steps that are remembered at most, and taken at random before the first update.
     discount, soft_update, temperature : float
         The paper's γ, τ and softmax temperature; the last is in units of the scaled reward.
-    reward_scale, budget_scale : float
-        What rewards, and the budget as an input, are multiplied with.
+    reward_scale, crash_scale, budget_scale : float
+        What rewards, that of a crash besides, and the budget as an input are multiplied with.
     rate, last_rate, flat : float
         Learning rate, and what share of it is left at the end: it falls by a cosine, after the share ``flat`` of the updates.
     warmup : int
@@ -74,6 +74,7 @@ class Config:
     soft_update: float = 0.005
     temperature: float = 0.1
     reward_scale: float = 1.0
+    crash_scale: float = 1.0
     budget_scale: float = 1.0
     rate: float = 3e-5
     last_rate: float = 1.0
@@ -124,9 +125,9 @@ CONFIGS = {
         last_careful=0.5,
     ),
 }
-# After `fast`, from its weights: a squared loss counts the crash that is seldom at its full price.
-_FINISH = {"rate": 2e-4, "flat": 0.2, "anywhere": 0.1, "careful": 0.0, "last_careful": 0.0, "huber": 0.0}
-CONFIGS["finish"] = replace(CONFIGS["fast"], updates=6_000, **_FINISH)
+# After `fast`, from its weights, to land surely: crashes cost more, and a squared loss counts those that are seldom in full.
+_SURELY = {"rate": 1e-4, "flat": 0.2, "anywhere": 0.1, "careful": 0.0, "last_careful": 0.0, "huber": 0.0, "crash_scale": 5.0}
+CONFIGS["finish"] = replace(CONFIGS["fast"], updates=4_000, validation=2_000, **_SURELY)
 
 
 class Network(nn.Module):
@@ -238,10 +239,7 @@ class Learner:
 
     Parameters
     ----------
-    scenario : Scenario
-        Of one UAV.
-    config : Config
-    seed : int
+    scenario, config, seed : Scenario for one UAV, Config, int
     """
 
     def __init__(self, scenario, config, seed):
@@ -309,7 +307,8 @@ class Learner:
         actions = score.argmax(axis=1)
         self._replay.add_states(state)
         simulator.step(actions)
-        self._replay.add_results(actions, config.reward_scale * state.reward[:, 0], state.done[:, 0])
+        crash = (config.crash_scale - 1.0) * self.scenario.rewards.crash * (state.done & ~state.landed)
+        self._replay.add_results(actions, config.reward_scale * (state.reward + crash)[:, 0], state.done[:, 0])
         self._rounds += 1
         over = np.flatnonzero(state.done[:, 0])
         if len(over):

@@ -194,15 +194,31 @@ def test_weights_that_do_not_fit_are_refused_in_one_line(name, array, reason, tm
 def test_shipped_weights_fly_as_the_paper_says():
     """The reference agent on the paper's scenarios: a few episodes of each; the leaderboard has all."""
     shipped = shipped_weights("ddqn")
-    assert {"Manhattan32-CPP-v0", "Manhattan32-DH-v0"} <= shipped.keys()
+    assert shipped.keys() == {f"{city}-{mission}-v0" for city in ("Manhattan32", "Urban50") for mission in ("CPP", "DH")}
     for name, path in shipped.items():
         assert path.stat().st_size < 5_000_000
-        assert load_weights(path)[1]["config"] == asdict(DDQN.CONFIGS["fast"])
+        record = load_weights(path)[1]
+        assert {"crash_scale": 1.0, **record["config"]} == asdict(DDQN.CONFIGS[record["config_name"]])
+        assert (record["config_name"] == "finish") == (record.get("start_sha256") is not None)
         scenario = load_scenario(name)
         records = list(evaluate(Job(SOURCE, scenario, "validation"), range(50)))
         assert np.mean([record.landed for record in records]) > 0.9
         assert np.mean([record.cral for record in records]) > 0.6
         assert SOURCE.digest(scenario) not in (SOURCE.sha256, SOURCE.digest(CPP))
+
+
+def test_a_crash_may_cost_more_and_nothing_else_does():
+    rewards = []
+    for scale in (1.0, 3.0):
+        learner = DDQN.Learner(CPP, replace(TINY, crash_scale=scale, careful=0.0), 0)
+        for _ in range(30):
+            learner._act(explore=True)
+        rewards.append(learner._replay.arrays["reward"][:30])
+    less = rewards[1] != rewards[0]
+    assert less.any()
+    assert not less.all()
+    np.testing.assert_allclose((rewards[1] - rewards[0])[less], 2.0 * TINY.reward_scale * CPP.rewards.crash, rtol=1e-5)
+    assert learner._replay.arrays["done"][:30][less].all()
 
 
 def test_the_papers_configuration_is_the_papers():
