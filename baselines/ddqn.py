@@ -126,8 +126,8 @@ CONFIGS = {
     ),
 }
 # After `fast`, from its weights, to land surely: crashes cost more, and a squared loss counts those that are seldom in full.
-_SURELY = {"rate": 1e-4, "flat": 0.2, "anywhere": 0.1, "careful": 0.0, "last_careful": 0.0, "huber": 0.0, "crash_scale": 8.0}
-CONFIGS["finish"] = replace(CONFIGS["fast"], updates=4_000, validation=2_000, **_SURELY)
+_SURELY = {"rate": 1e-4, "flat": 0.2, "anywhere": 0.1, "careful": 0.0, "last_careful": 0.0, "huber": 0.0, "crash_scale": 20.0}
+CONFIGS["finish"] = replace(CONFIGS["fast"], updates=6_000, validation=2_000, **_SURELY)
 
 
 class Network(nn.Module):
