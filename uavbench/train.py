@@ -22,6 +22,7 @@ import numpy as np
 from uavbench.agent import AgentSource
 from uavbench.evaluate import Job, evaluate
 from uavbench.interrupt import interrupt_waits
+from uavbench.memory import keep_freed
 from uavbench.metrics import METRICS
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, load_weights, save_weights
@@ -195,6 +196,7 @@ def train(
     kept, checkpoint = training.files(out)
     folder = kept.parent
     _needed("safetensors", "tensorboard", "torch").set_num_threads(threads)
+    keep_freed()
     if training.source.weights is not None:
         raise TrainError(f"{training.source.weights} are weights: name their agent; --from begins from weights")
     try:

@@ -8,6 +8,8 @@ Usage: python docs/reproduction/stable_baselines.py speed [--rounds 5]
 """
 
 import argparse
+import contextlib
+import multiprocessing
 import tempfile
 import time
 from dataclasses import replace
@@ -25,6 +27,7 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from uavbench import load_scenario
 from uavbench.agent import find_agent
 from uavbench.evaluate import Job, evaluate
+from uavbench.memory import keep_freed
 from uavbench.metrics import METRICS
 from uavbench.observation import Observer
 from uavbench.weights import save_weights
@@ -95,25 +98,45 @@ def theirs(scenario):
     )
 
 
-def speed(scenario, rounds, updates):
+LEARNERS = {}
+
+
+def begin(name):
+    """Set up one of them, in a process of its own, as far as its first update."""
+    torch.set_num_threads(1)
+    scenario = load_scenario(SCENARIO)
+    if name == "uavbench":
+        keep_freed()  # as `uavbench train` does
+        LEARNERS[name] = OURS.Learner(scenario, OURS.CONFIGS["fast"], seed=0)
+        LEARNERS[name].advance()
+    else:
+        LEARNERS[name] = theirs(scenario)
+        LEARNERS[name].learn(PREFILL + ENVIRONMENTS)
+
+
+def timed(updates):
+    """Return the samples that the one of this process learned from in a second."""
+    started = time.perf_counter()
+    for name, learner in LEARNERS.items():
+        if name == "uavbench":
+            for _ in range(updates):
+                learner.advance()
+        else:
+            learner.learn(updates * ENVIRONMENTS, reset_num_timesteps=False)
+    return updates * BATCH / (time.perf_counter() - started)
+
+
+def speed(rounds, updates):
     """Return the samples that each learns from in a second: the best of some rounds, in turns."""
-    ours, other = OURS.Learner(scenario, OURS.CONFIGS["fast"], seed=0), theirs(scenario)
-    ours.advance()
-    other.learn(PREFILL + ENVIRONMENTS)
-
-    def advance_ours():
-        for _ in range(updates):
-            ours.advance()
-
-    def advance_theirs():
-        other.learn(updates * ENVIRONMENTS, reset_num_timesteps=False)
-
+    spawn = multiprocessing.get_context("spawn")
     best = {"uavbench": 0.0, "Stable-Baselines3": 0.0}
-    for _ in range(rounds):
-        for name, advance in zip(best, (advance_ours, advance_theirs), strict=True):
-            started = time.perf_counter()
-            advance()
-            best[name] = max(best[name], updates * BATCH / (time.perf_counter() - started))
+    with contextlib.ExitStack() as stack:
+        pools = {name: stack.enter_context(spawn.Pool(1, begin, (name,))) for name in best}
+        for pool in pools.values():
+            pool.apply(timed, (1,))
+        for _ in range(rounds):
+            for name, pool in pools.items():
+                best[name] = max(best[name], pool.apply(timed, (updates,)))
     return best
 
 
@@ -141,6 +164,7 @@ class Curve(BaseCallback):
 
 def our_curve(scenario, minutes, every):
     """Train ours as long, by ``fast`` with as many updates as the time allows: its learning rate falls towards their end."""
+    keep_freed()  # as `uavbench train` does
     rate = speed_of(scenario)
     learner = OURS.Learner(scenario, replace(OURS.CONFIGS["fast"], updates=int(60 * minutes * rate)), seed=0)
     points, spent = [], 0.0
@@ -186,7 +210,7 @@ def main():
     torch.set_num_threads(1)
     scenario = load_scenario(SCENARIO)
     if options.what == "speed":
-        best = speed(scenario, options.rounds, options.updates)
+        best = speed(options.rounds, options.updates)
         print("| | samples/s |\n| --- | ---: |")
         for name, rate in best.items():
             print(f"| {name} | {rate:,.0f} |")
