@@ -56,8 +56,6 @@ class Config:
         Where the loss becomes linear, and the greatest norm of a gradient; 0 for neither.
     anywhere, last_anywhere : float
         Share of episodes that start in any cell with any budget, at the beginning and in the end.
-    spare : int
-        How many actions more than the way home such a budget may be, at most; 0 for any.
     careful, last_careful : float
         Share of the environments in which no action is tried that loses the way home, at the beginning and in the end. Where
         all may crash, the first thing learned is to land at once; where none does, landing is never learned.
@@ -87,17 +85,13 @@ class Config:
     clip: float = 0.0
     anywhere: float = 0.0
     last_anywhere: float = 0.0
-    spare: int = 0
     careful: float = 0.0
     last_careful: float = 0.0
     validation: int = 1000
 
     def __post_init__(self):
         for name, value in asdict(self).items():
-            least, most = (
-                int(type(value) is int and name not in ("prefill", "spare", "warmup")),
-                (1 if name in _SHARES else math.inf),
-            )
+            least, most = int(type(value) is int and name not in ("prefill", "warmup")), (1 if name in _SHARES else math.inf)
             if not least <= value <= most or (name == "temperature" and value == 0):
                 raise ValueError(f"{name}: {value} is not from {least} to {most}")
         if self.replay < self.environments * (self.segment + 2):
@@ -131,9 +125,9 @@ CONFIGS = {
         last_careful=0.5,
     ),
 }
-# To land surely, after `fast`: crashes cost more, a squared loss counts them in full, and episodes begin when one must turn.
-_SURELY = {"anywhere": 0.7, "last_anywhere": 0.7, "spare": 30, "careful": 0.0, "last_careful": 0.0, "huber": 0.0}
-CONFIGS["finish"] = replace(CONFIGS["fast"], updates=6_000, validation=2_000, rate=1e-4, flat=0.2, crash_scale=10.0, **_SURELY)
+# After `fast`, from its weights, to land surely: crashes cost more, and a squared loss counts those that are seldom in full.
+_SURELY = {"rate": 1e-4, "flat": 0.2, "anywhere": 0.1, "careful": 0.0, "last_careful": 0.0, "huber": 0.0, "crash_scale": 20.0}
+CONFIGS["finish"] = replace(CONFIGS["fast"], updates=6_000, validation=2_000, **_SURELY)
 
 
 class Network(nn.Module):
@@ -211,7 +205,10 @@ class Replay:
         self.written += 1
 
     def sample(self, batch, segment, random):
-        """Return segments: observations of their ``segment`` + 1 states, actions, rewards, ends; the newest step is in one."""
+        """Return segments: observations of their ``segment`` + 1 states, actions, rewards, ends; time first.
+
+        The newest step is in one of them, always (combined experience replay).
+        """
         kept = min(self.written, self.length) - 1  # of the newest step it is not known yet where it leads
         back = random.integers(segment, kept + 1, batch)
         back[0] = segment
@@ -284,7 +281,7 @@ class Learner:
         """Start the next episodes of the train split in the slots ``index``, a share of them anywhere."""
         self._simulator.reset(index, "train", train_numbers(self.seed, self._started, len(index)))
         anywhere = self._between(self.config.anywhere, self.config.last_anywhere)
-        self._simulator.scatter(index[self._random(1).random(len(index)) < anywhere], self.config.spare or None)
+        self._simulator.scatter(index[self._random(1).random(len(index)) < anywhere])
         self._started += len(index)
 
     def _between(self, first, last):
@@ -297,7 +294,8 @@ class Learner:
 
     def _act(self, explore=False):
         """Take a step in every environment, by softmax over the Q-values or uniformly, and remember it."""
-        config, simulator, state, random = self.config, self._simulator, self._simulator.state, self._random(0)
+        config, simulator, random = self.config, self._simulator, self._random(0)
+        state = simulator.state
         score = random.gumbel(size=(config.environments, NUM_ACTIONS))  # the highest of value + gumbel is a softmax's pick
         if not explore:
             self._observer.write(state, self._all, self._observation)
@@ -312,7 +310,8 @@ class Learner:
         crash = (config.crash_scale - 1.0) * self.scenario.rewards.crash * (state.done & ~state.landed)
         self._replay.add_results(actions, config.reward_scale * (state.reward + crash)[:, 0], state.done[:, 0])
         self._rounds += 1
-        if len(over := np.flatnonzero(state.done[:, 0])):
+        over = np.flatnonzero(state.done[:, 0])
+        if len(over):
             self._begin(over)
 
     def _learn(self):

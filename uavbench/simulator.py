@@ -99,16 +99,14 @@ class Simulator:
         draw_starts(self.state, index, self.city.landing_cells, *self.scenario.budget, *(self.scenario.uavs or (1, 1)))
         self.mission.sample(self.state, index)
 
-    def scatter(self, index: NDArray[np.int64], spare: int | None = None) -> None:
+    def scatter(self, index: NDArray[np.int64]) -> None:
         """Move the UAVs of episodes just started in the slots ``index`` anywhere, with any budget they can land with.
 
         For training: a learner sees states that it would seldom come to. Cells, no two alike, and budgets up to the scenario's
-        largest, or ``spare`` actions more than the way home takes, are drawn from the episode's key.
+        largest are drawn from the episode's key.
         """
         free = np.argwhere(self.city.home >= 0).astype(np.int32)
-        largest = self.scenario.budget[1]
-        most = largest if spare is None else spare
-        scatter_starts(self.state, np.asarray(index, dtype=np.int64), free, self.city.home, largest, most)
+        scatter_starts(self.state, np.asarray(index, dtype=np.int64), free, self.city.home, self.scenario.budget[1])
         self._splits[index], self._numbers[index] = _CUSTOM, -1
 
     def snapshot(self) -> Columns:

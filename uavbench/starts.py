@@ -46,9 +46,9 @@ def draw_starts(
 
 @kernel
 def scatter_starts(
-    state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int, spare: int
+    state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int
 ) -> None:
-    """Draw cells among ``free``, and budgets to land with ``spare`` actions left at most, for UAVs of the slots ``index``."""
+    """Draw cells among ``free``, and budgets that allow to land, for the UAVs of the slots ``index``."""
     cursor = np.empty(1, dtype=np.uint64)
     for n in range(len(index)):
         i = int(index[n])
@@ -63,4 +63,4 @@ def scatter_starts(
             state.position[i, u, 0], state.position[i, u, 1] = r, c
             state.previous[i, u] = state.position[i, u]
             least = int(home[r, c]) + 1
-            state.budget[i, u] = state.initial_budget[i, u] = least + next_integer(cursor, min(largest - least, spare) + 1)
+            state.budget[i, u] = state.initial_budget[i, u] = least + next_integer(cursor, largest - least + 1)

@@ -198,7 +198,7 @@ def test_shipped_weights_fly_as_the_paper_says():
     for name, path in shipped.items():
         assert path.stat().st_size < 5_000_000
         record = load_weights(path)[1]
-        assert {"crash_scale": 1.0, "spare": 0, **record["config"]} == asdict(DDQN.CONFIGS[record["config_name"]])
+        assert {"crash_scale": 1.0, **record["config"]} == asdict(DDQN.CONFIGS[record["config_name"]])
         assert (record["config_name"] == "finish") == (record.get("start_sha256") is not None)
         scenario = load_scenario(name)
         records = list(evaluate(Job(SOURCE, scenario, "validation"), range(50)))
