@@ -87,10 +87,12 @@ def test_weights_that_are_gone_are_asked_for(tmp_path):
 def test_a_training_that_begins_from_weights_goes_on_from_what_they_know(tmp_path):
     first = train(training(), tmp_path / "first")
     untouched = replace(training(replace(TINY, updates=1, validation=1, rate=0.0)), start=first)
-    kept = train(untouched, tmp_path / "second")
-    assert weights_of(kept) == weights_of(first)
-    record = load_weights(kept)[1]
-    assert record["start_sha256"] == hashlib.sha256(first.read_bytes()).hexdigest()
+    digest, known = hashlib.sha256(first.read_bytes()).hexdigest(), weights_of(first)
+    moved = first.with_name("moved.safetensors")
+    kept = train(untouched, tmp_path / "second", on_start=lambda done, updates: first.rename(moved))
+    moved.rename(first)
+    assert weights_of(kept) == known
+    assert load_weights(kept)[1]["start_sha256"] == digest
     assert load_weights(first)[1]["start_sha256"] is None
     with pytest.raises(TrainError, match=r"its start_sha256 is .*, not None"):
         train(replace(untouched, start=None), tmp_path / "second", resume=True)

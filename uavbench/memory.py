@@ -7,9 +7,12 @@ _MOST = 2**31 - 1
 
 
 def keep_freed() -> bool:
-    """Have the process keep what it frees, instead of asking the system for it again, which costs a tenth of a training's time.
+    """Have the process keep what it frees, instead of asking the system for it again: a tenth of a training's time.
 
-    Returns whether it does: elsewhere than on glibc nothing happens.
+    Returns
+    -------
+    bool
+        Whether it does. Elsewhere than on glibc nothing happens.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt

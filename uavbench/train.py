@@ -13,6 +13,7 @@ import time
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cached_property
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -81,8 +82,13 @@ class Training:
             "config_name": self.name,
             "config": asdict(self.config),
             "seed": self.seed,
-            "start_sha256": None if self.start is None else hashlib.sha256(self.start.read_bytes()).hexdigest(),
+            "start_sha256": self._start_sha256,
         }
+
+    @cached_property
+    def _start_sha256(self) -> str | None:
+        """The digest of the weights to begin from, as they were when the training began."""
+        return None if self.start is None else hashlib.sha256(self.start.read_bytes()).hexdigest()
 
     def record(self, curve: list["Point"], seconds: float | None = None) -> dict[str, Any]:
         """Return what is written beside arrays: how they came about."""
@@ -207,6 +213,7 @@ def train(
         if not hasattr(learner, "start_from"):
             raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
         learner.start_from(training.start)
+    _ = training.identity  # which is looked up now, whatever becomes of the files later
     points, spent = _begin(training, learner, checkpoint, resume)
     if points and not kept.exists():
         raise TrainError(f"{kept}: the best weights so far are gone: put them back, or delete {checkpoint} to start over")
