@@ -3,8 +3,9 @@
 Usage: python docs/reproduction/stable_baselines.py speed [--rounds 5]
        python docs/reproduction/stable_baselines.py curves [--minutes 30] [--out runs]
 
-``speed`` counts the samples that each learns from in a second, in turns. ``curves`` trains each for the same time and writes
-``stable_baselines.csv``, scores on 200 validation episodes. Needs ``pip install 'uavbench[ddqn]' stable-baselines3``.
+``speed`` counts the samples that each learns from in a second, in turns. ``curves`` trains both over the same half hour, each
+on a core of its own, and writes ``stable_baselines.csv`` and ``stable_baselines.png``, scores on 200 validation episodes.
+Needs ``pip install 'uavbench[ddqn]' stable-baselines3``.
 """
 
 import argparse
@@ -16,6 +17,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import torch
@@ -162,9 +167,20 @@ class Curve(BaseCallback):
         return spent < self.minutes
 
 
-def our_curve(scenario, minutes, every):
+def their_curve(minutes, every):
+    """Train Stable-Baselines3's for so many minutes and return its points."""
+    torch.set_num_threads(1)
+    scenario = load_scenario(SCENARIO)
+    callback = Curve(scenario, minutes, every)
+    theirs(scenario).learn(STEPS, callback=callback)
+    return callback.points
+
+
+def our_curve(minutes, every):
     """Train ours as long, by ``fast`` with as many updates as the time allows: its learning rate falls towards their end."""
+    torch.set_num_threads(1)
     keep_freed()  # as `uavbench train` does
+    scenario = load_scenario(SCENARIO)
     rate = speed_of(scenario)
     learner = OURS.Learner(scenario, replace(OURS.CONFIGS["fast"], updates=int(60 * minutes * rate)), seed=0)
     points, spent = [], 0.0
@@ -197,6 +213,24 @@ def score(source, scenario):
     return [round(float(np.mean([getattr(record, name) for record in records])), 4) for name in METRICS]
 
 
+def curves(minutes, every, out):
+    """Train both side by side; write the points of their curves and draw them."""
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        runs = [pool.apply_async(curve, (minutes, every)) for curve in (our_curve, their_curve)]
+        points = [point for run in runs for point in run.get()]
+    out.mkdir(parents=True, exist_ok=True)
+    table = pd.DataFrame(points, columns=["library", "minutes", "samples", *METRICS])
+    table.to_csv(out / "stable_baselines.csv", index=False)
+    figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True, layout="constrained")
+    for axis, (metric, title) in zip(axes, (("landed", "Landed"), ("cral", "CRAL")), strict=True):
+        for library, rows in table.groupby("library", sort=False):
+            axis.plot(rows["minutes"], 100 * rows[metric], marker="o", markersize=3, label=library)
+        axis.set_xlabel("minutes of training, one core")
+        axis.set_title(f"{title}, %", fontsize=9)
+    axes[1].legend()
+    figure.savefig(out / "stable_baselines.png", dpi=120)
+
+
 def main():
     """Measure."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -207,8 +241,6 @@ def main():
     parser.add_argument("--every", type=float, default=2.5, help="minutes from point to point")
     parser.add_argument("--out", type=Path, default=Path("runs"))
     options = parser.parse_args()
-    torch.set_num_threads(1)
-    scenario = load_scenario(SCENARIO)
     if options.what == "speed":
         best = speed(options.rounds, options.updates)
         print("| | samples/s |\n| --- | ---: |")
@@ -216,12 +248,7 @@ def main():
             print(f"| {name} | {rate:,.0f} |")
         print(f"\nratio {best['uavbench'] / best['Stable-Baselines3']:.2f}")
         return
-    callback = Curve(scenario, options.minutes, options.every)
-    theirs(scenario).learn(STEPS, callback=callback)
-    points = callback.points + our_curve(scenario, options.minutes, options.every)
-    options.out.mkdir(parents=True, exist_ok=True)
-    table = pd.DataFrame(points, columns=["library", "minutes", "samples", *METRICS])
-    table.to_csv(options.out / "stable_baselines.csv", index=False)
+    curves(options.minutes, options.every, options.out)
 
 
 if __name__ == "__main__":
