@@ -4,7 +4,13 @@ import os
 import sys
 from pathlib import Path
 
+import pytest
 from hypothesis import settings
+
+from uavbench import load_scenario
+from uavbench.agent import find_agent
+from uavbench.evaluate import Job
+from uavbench.run import run
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -13,3 +19,15 @@ os.environ["SDL_VIDEODRIVER"] = "dummy"  # windows open nowhere
 
 if "CI" not in os.environ:  # there Hypothesis loads a deterministic profile of its own
     settings.load_profile("uavbench")
+
+
+@pytest.fixture(scope="session")
+def pictured(tmp_path_factory):
+    """Results of greedy and random on a few scenarios, by agent and scenario."""
+    out = tmp_path_factory.mktemp("results")
+    names = ("Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0")
+    return {
+        (agent, name): run(Job(find_agent(agent), load_scenario(name), "test"), 20 if "Team" in name else 60, out)
+        for agent in ("greedy", "random")
+        for name in names
+    }

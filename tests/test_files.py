@@ -1,12 +1,14 @@
 """Files of arrays: read back as written, and nothing else is read."""
 
 import io
+import re
+import tracemalloc
 import zipfile
 
 import numpy as np
 import pytest
 
-from uavbench.files import pack_arrays, unpack_arrays, write_whole
+from uavbench.files import pack_arrays, replace_folder, unpack_arrays, write_together, write_whole
 
 ARRAYS = {"a": np.arange(6, dtype=np.uint8).reshape(2, 3), "b": np.array([1.5, np.inf]), "c": np.zeros((0, 4), dtype=np.int64)}
 
@@ -20,6 +22,10 @@ def npy(array=None, header=None, rest=b""):
         np.lib.format.write_array_header_1_0(buffer, header)
         buffer.write(rest)
     return buffer.getvalue()
+
+
+def header_of(text):
+    return np.lib.format.magic(1, 0) + len(text).to_bytes(2, "little") + text
 
 
 def archive(members, compression=zipfile.ZIP_DEFLATED):
@@ -59,8 +65,11 @@ def test_arrays_come_back_as_they_were(compress):
         (archive([("a.npy", npy(header={"descr": "|u1", "fortran_order": False, "shape": (10**15,)}, rest=b"1"))]), "shape"),
         (archive([("a.npy", npy(header={"descr": "|u1", "fortran_order": False, "shape": (2**62, 4)}, rest=b""))]), "shape"),
         (archive([("a.npy", npy(np.zeros(2**28 + 1, dtype=np.uint8)))]), "256 MB"),
+        (archive([("a.npy", header_of(b"{'descr': '|u1', (((("))]), "header"),
+        (archive([("a.npy", header_of(b"-" * 9000))]), "header"),
+        (archive([("a.npy", header_of(b"[" * 9000))]), "header"),
     ],
-    ids=range(14),
+    ids=range(17),
 )
 def test_anything_else_is_refused(content, reason):
     with pytest.raises(ValueError, match=reason):
@@ -75,13 +84,17 @@ def test_a_name_twice_is_refused():
 
 
 def test_a_size_that_lies_unpacks_no_more_than_it_says():
-    content = bytearray(archive([("a.npy", npy(np.zeros(10**6, dtype=np.uint8)))]))
-    size = (10**6 + 128).to_bytes(4, "little")
+    content = bytearray(archive([("a.npy", npy(np.zeros(2**26, dtype=np.uint8)))]))
+    size = (2**26 + 128).to_bytes(4, "little")
     while size in content:
         at = content.index(size)
         content[at : at + 4] = (1000).to_bytes(4, "little")
+    tracemalloc.start()
     with pytest.raises(ValueError, match=r"not an \.npz|holds"):
         unpack_arrays(bytes(content))
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2**21
 
 
 def test_a_file_is_written_whole_or_stays_as_it_was(tmp_path, monkeypatch):
@@ -92,3 +105,43 @@ def test_a_file_is_written_whole_or_stays_as_it_was(tmp_path, monkeypatch):
         write_whole(path, b"new")
     assert path.read_bytes() == b"old"
     assert [each.name for each in path.parent.iterdir()] == ["file"]
+
+
+def test_files_are_written_together_or_none_is(tmp_path):
+    first, second = tmp_path / "a", tmp_path / "b"
+    first.write_bytes(b"old")
+    second.mkdir()
+    with pytest.raises(IsADirectoryError, match=re.escape(str(second))):
+        write_together({first: b"new", second: b"new"})
+    assert first.read_bytes() == b"old"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["a", "b"]
+
+
+def folder_of(path, text):
+    path.mkdir()
+    (path / "file").write_text(text)
+    return path
+
+
+def test_a_folder_takes_the_place_of_another(tmp_path):
+    new, folder = folder_of(tmp_path / "new", "new"), folder_of(tmp_path / "folder", "old")
+    folder_of(tmp_path / ".folder.old", "of a process that was killed after both moves")
+    replace_folder(new, folder)
+    assert (folder / "file").read_text() == "new"
+    assert [each.name for each in tmp_path.iterdir()] == ["folder"]
+
+
+@pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
+def test_a_folder_that_cannot_be_replaced_stays(tmp_path, monkeypatch, error):
+    new, folder = folder_of(tmp_path / "new", "new"), folder_of(tmp_path / "folder", "old")
+    move = type(folder).replace
+
+    def interrupted(self, target):
+        if self == new:
+            raise error
+        return move(self, target)
+
+    monkeypatch.setattr(type(folder), "replace", interrupted)
+    with pytest.raises(error):
+        replace_folder(new, folder)
+    assert (folder / "file").read_text() == "old"

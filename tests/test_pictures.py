@@ -2,22 +2,18 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
+from commands import renamed, uavbench_command
 from PIL import Image
-from typer.testing import CliRunner
 
 import uavbench
 from uavbench import load_scenario
 from uavbench.agent import find_agent
-from uavbench.cli import app
 from uavbench.envs.env import UAVEnv
 from uavbench.evaluate import Job
 from uavbench.play import play
@@ -28,24 +24,9 @@ from uavbench.run import run
 from uavbench.watch import recorded_scenes
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    out = tmp_path_factory.mktemp("results")
-    names = ("Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0")
-    return {
-        (agent, name): run(Job(find_agent(agent), load_scenario(name), "test"), 20 if "Team" in name else 60, out)
-        for agent in ("greedy", "random")
-        for name in names
-    }
-
-
-def uavbench_command(*arguments):
-    return CliRunner().invoke(app, [str(each) for each in arguments])
-
-
 @pytest.mark.parametrize("name", ["Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0"])
-def test_scenes_are_those_of_the_recorded_flight(results, name):
-    result = results["greedy", name]
+def test_scenes_are_those_of_the_recorded_flight(pictured, name):
+    result = pictured["greedy", name]
     row = result.episodes().iloc[17]
     scenes = recorded_scenes(result, 17)
     assert scenes[-1].title == f"Movement {row['steps']:.0f}/{row['budget']:.0f}, CR = {row['cr']:.2f}"
@@ -58,9 +39,9 @@ def test_scenes_are_those_of_the_recorded_flight(results, name):
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 @pytest.mark.parametrize("name", ["Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0"])
-def test_plots_are_drawn_in_all_formats(results, name, ending, tmp_path):
+def test_plots_are_drawn_in_all_formats(pictured, name, ending, tmp_path):
     path = tmp_path / "new" / f"flight.{ending}"
-    told = uavbench_command("plot", results["greedy", name].folder, "--episode", 3, "--out", path)
+    told = uavbench_command("plot", pictured["greedy", name].folder, "--episode", 3, "--out", path)
     assert told.exit_code == 0, told.output
     content = path.read_bytes()
     assert content.startswith({"png": b"\x89PNG", "svg": b"<?xml", "pdf": b"%PDF"}[ending])
@@ -71,8 +52,8 @@ def test_plots_are_drawn_in_all_formats(results, name, ending, tmp_path):
         assert "<!-- Movement " in text
 
 
-def test_wrong_endings_and_episodes_are_refused(results, tmp_path):
-    folder = results["greedy", "Block8-CPP-v0"].folder
+def test_wrong_endings_and_episodes_are_refused(pictured, tmp_path):
+    folder = pictured["greedy", "Block8-CPP-v0"].folder
     for command, path in (("plot", "a.txt"), ("film", "a.avi")):
         told = uavbench_command(command, folder, "--out", tmp_path / path)
         assert told.exit_code == 2
@@ -81,8 +62,8 @@ def test_wrong_endings_and_episodes_are_refused(results, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_films_have_a_frame_for_each_step(results, tmp_path):
-    result = results["greedy", "Block8-DH-v0"]
+def test_films_have_a_frame_for_each_step(pictured, tmp_path):
+    result = pictured["greedy", "Block8-DH-v0"]
     steps = len(result.actions()[5])
     told = uavbench_command("film", result.folder, "--episode", 5, "--out", tmp_path / "f.gif", "--fps", 10)
     assert told.exit_code == 0, told.output
@@ -102,94 +83,31 @@ def test_films_have_a_frame_for_each_step(results, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["f.gif", "f.mp4"]
 
 
-def test_reports_hold_the_scores_and_the_figures(results, tmp_path):
-    pair = [results[agent, "Block8-DH-v0"] for agent in ("greedy", "random")]
-    told = uavbench_command("report", *(result.folder for result in pair), "--out", tmp_path / "r")
-    assert told.exit_code == 0, told.output
-    table = pd.read_csv(tmp_path / "r" / "comparison.csv")
-    for (_, row), result in zip(table.iterrows(), pair, strict=True):
-        assert row["agent"] == result.summary["agent"]
-        assert (row["cral"], row["cral_low"], row["cral_high"]) == pytest.approx(tuple(asdict(result.metrics["cral"]).values()))
-        assert row["steps"] == pytest.approx(result.episodes()["steps"].mean())
-    difference = pair[1].metrics["cral"].mean - pair[0].metrics["cral"].mean
-    assert table["cral_difference"][1] == pytest.approx(difference)
-    text = (tmp_path / "r" / "comparison.md").read_text(encoding="utf-8")
-    assert text.startswith("Block8-DH-v0, test split, 60 episodes; in %")
-    assert text.count("|") == 4 * 7
-    assert f"| {100 * difference:+.1f} [".replace("-", "−") in text
-    latex = (tmp_path / "r" / "comparison.tex").read_text(encoding="utf-8")
-    assert r"\begin{tabular}{lrrrrr}" in latex
-    assert f"& {100 * abs(pair[0].metrics['cral'].mean):.1f} [" in latex
-    assert "-" not in latex.split("hline", 1)[1].replace("$-$", "")
-    figures = ("cral_against_budget", "cr_against_targets", "failures_against_budget", "performance_profiles")
-    for name in figures:
-        with Image.open(tmp_path / "r" / f"{name}.png") as picture:
-            assert len(np.unique(np.asarray(picture.convert("L")))) > 20
-        assert (tmp_path / "r" / f"{name}.pdf").read_bytes().startswith(b"%PDF")
-
-
-def test_results_of_different_episodes_are_not_reported_together(results, tmp_path):
-    told = uavbench_command(
-        "report", results["greedy", "Block8-CPP-v0"].folder, results["random", "Block8-DH-v0"].folder, "--out", tmp_path / "r"
+@pytest.mark.parametrize("command", ["plot", "film"])
+def test_the_name_of_an_agent_leads_nowhere(pictured, tmp_path, monkeypatch, command):
+    """The default name of the file is made of it."""
+    folder = renamed(pictured["greedy", "Block8-DH-v0"], tmp_path / "greedy", "x/../../escaped")
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "a" / "b")
+    told = uavbench_command(command, folder)
+    assert (told.exit_code, "is no name" in told.output) == (2, True), told.output
+    assert sorted(path.name for path in tmp_path.rglob("*")) == sorted(
+        ["a", "b", "greedy", *(path.name for path in folder.iterdir())]
     )
-    assert told.exit_code == 2
-    assert "cannot compare: scenario" in told.output
-    assert not (tmp_path / "r").exists()
-
-
-def damaged(result, folder, **changes):
-    """Copy a result, and change its files: text by name, or a function of the text."""
-    shutil.copytree(result.folder, folder)
-    for name, change in changes.items():
-        path = folder / name.replace("_", ".", 1)
-        path.write_text(change(path.read_text(encoding="utf-8")), encoding="utf-8")
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"summary_json": lambda text: text.replace('"test"', '"exam"')}, "exam"),
-        ({"summary_json": lambda text: text.replace('"scenario_digest": "', '"scenario_digest": "f')}, "another Block8-DH-v0"),
-        ({"episodes_csv": lambda text: "\n".join(text.splitlines()[:20])}, "does not hold the 60 episodes"),
-        ({"episodes_csv": lambda text: text[:2000] + "x" + text[2000:]}, "damaged"),
-    ],
-)
-def test_nothing_is_reported_of_a_damaged_result(results, tmp_path, changes, message):
-    folder = damaged(results["greedy", "Block8-DH-v0"], tmp_path / "greedy", **changes)
-    told = uavbench_command("report", folder, "--out", tmp_path / "r")
-    assert (told.exit_code, message in told.output) == (2, True), told.output
-    assert not (tmp_path / "r").exists()
-    if "summary_json" in changes:
-        for command in ("plot", "film"):
-            told = uavbench_command(command, folder, "--out", tmp_path / ("a.png" if command == "plot" else "a.gif"))
-            assert (told.exit_code, message in told.output) == (2, True), told.output
-    assert [path.name for path in tmp_path.iterdir()] == ["greedy"]
-
-
-def test_agents_of_one_name_are_told_apart(results, tmp_path):
-    folder, random = results["greedy", "Block8-DH-v0"].folder, results["random", "Block8-DH-v0"].folder
-    shutil.copytree(folder, tmp_path / "a" / "greedy")
-    shutil.copytree(folder, tmp_path / "b" / "greedy")
-    told = uavbench_command("report", tmp_path / "a" / "greedy", random, tmp_path / "b" / "greedy", "--out", tmp_path / "r")
-    assert told.exit_code == 0, told.output
-    assert pd.read_csv(tmp_path / "r" / "comparison.csv")["agent"].tolist() == ["a/greedy", "random", "b/greedy"]
-    told = uavbench_command("report", folder, folder, "--out", tmp_path / "r")
-    assert (told.exit_code, "given twice" in told.output) == (2, True)
 
 
 @pytest.mark.parametrize(("command", "name"), [("plot", "a.png"), ("film", "a.gif"), ("report", "r")])
-def test_what_cannot_be_written_is_said(results, tmp_path, command, name):
+def test_what_cannot_be_written_is_said(pictured, tmp_path, command, name):
     (tmp_path / "file").write_text("mine")
-    told = uavbench_command(command, results["greedy", "Block8-CPP-v0"].folder, "--out", tmp_path / "file" / name)
+    told = uavbench_command(command, pictured["greedy", "Block8-CPP-v0"].folder, "--out", tmp_path / "file" / name)
     assert (told.exit_code, "cannot write it" in told.output) == (2, True), told.output
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_film_that_ffmpeg_did_not_finish_is_none(results, tmp_path, monkeypatch):
+def test_a_film_that_ffmpeg_did_not_finish_is_none(pictured, tmp_path, monkeypatch):
     ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="MP4 needs imageio-ffmpeg: pip install 'uavbench[film]'")
     monkeypatch.setattr(ffmpeg, "count_frames_and_secs", lambda path: (3, 0.2))
-    told = uavbench_command("film", results["greedy", "Block8-CPP-v0"].folder, "--out", tmp_path / "a.mp4")
+    told = uavbench_command("film", pictured["greedy", "Block8-CPP-v0"].folder, "--out", tmp_path / "a.mp4")
     assert (told.exit_code, "ffmpeg wrote 3 of" in told.output) == (2, True), told.output
     assert list(tmp_path.iterdir()) == []
 
@@ -311,8 +229,8 @@ def test_play_by_command_says_what_is_wrong():
 
 
 @pytest.mark.parametrize(("module", "extra"), [("pygame", "human"), ("imageio_ffmpeg", "film")])
-def test_a_missing_extra_is_named(results, module, extra, tmp_path):
-    folder = results["greedy", "Block8-CPP-v0"].folder
+def test_a_missing_extra_is_named(pictured, module, extra, tmp_path):
+    folder = pictured["greedy", "Block8-CPP-v0"].folder
     words = {"human": ["play", "Block8-CPP-v0"], "film": ["film", str(folder), "--out", str(tmp_path / "f.mp4")]}[extra]
     code = f"import sys; sys.modules[{module!r}] = None; from uavbench.cli import app; app()"
     told = subprocess.run([sys.executable, "-c", code, *words], capture_output=True, text=True, check=False)

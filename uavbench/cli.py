@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from uavbench.commands import leaderboard, learning, pictures
-from uavbench.commands.shared import ResultFolder, ScenarioFile, fail
+from uavbench.commands.shared import ResultFolder, ScenarioFile, fail, flown
 
 app = typer.Typer(
     epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
@@ -189,10 +189,10 @@ def replay(
     """
     from uavbench import ScenarioError
     from uavbench.replay import replay as replay_result
-    from uavbench.results import ResultError, load_result
+    from uavbench.results import ResultError
 
     try:
-        result = load_result(folder)
+        result = flown(folder)
         wrong = replay_result(result, scenario)
     except (ResultError, ScenarioError) as error:
         raise fail(error) from None
@@ -212,10 +212,10 @@ def compare(first: ResultFolder, second: ResultFolder) -> None:
 
     from uavbench.display import comparison_table
     from uavbench.replay import compare_results
-    from uavbench.results import ResultError, load_result
+    from uavbench.results import ResultError
 
     try:
-        a, b = load_result(first), load_result(second)
+        a, b = flown(first), flown(second)
         Console().print(comparison_table(a, b, compare_results(a, b)))
     except ResultError as error:
         raise fail(error) from None
@@ -230,7 +230,7 @@ def bound(
     episodes: Annotated[int | None, typer.Option(min=0, help="Bound test episodes from 0 on, so many; all by default.")] = None,
     result: Annotated[
         list[Path] | None,
-        typer.Option(help="A folder that evaluate wrote: its scores count where they are the best known; repeatable."),
+        typer.Option(help="A folder that evaluate wrote, or a submission's: its scores count where they are best; repeatable."),
     ] = None,
     seconds: Annotated[float, typer.Option(min=0.0, help="Seconds of processor time that a bound may take.")] = 20.0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
@@ -246,11 +246,11 @@ def bound(
     from uavbench import ScenarioError, load_scenario
     from uavbench.bounds.run import run_bounds
     from uavbench.display import episodes_progress, reference_table
-    from uavbench.results import ResultError, load_result
+    from uavbench.results import ResultError
 
     console = Console()
     try:
-        loaded, results = load_scenario(scenario), [load_result(folder) for folder in result or ()]
+        loaded, results = load_scenario(scenario), [flown(folder) for folder in result or ()]
         with episodes_progress(console, f"bounds of {loaded.id}", "upper bound") as progress:
             known = run_bounds(
                 loaded,

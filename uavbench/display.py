@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from rich import box
 from rich.console import Console, Group
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -83,7 +84,7 @@ def comparison_table(first: Result, second: Result, comparison: Mapping[str, Com
         a, b = str(first.folder), str(second.folder)
     title = f"{a} - {b} on {first.summary['scenario']}, {first.summary['episodes']} paired episodes"
     table = Table(header_style="bold")
-    for column in ("metric", "difference, points", "95 % CI", f"P({a} better) %", "95 % CI"):
+    for column in ("metric", "difference, points", "95 % CI", f"P({escape(a)} better) %", "95 % CI"):
         table.add_column(column, justify="left" if column == "metric" else "right")
     for name, found in comparison.items():
         table.add_row(
@@ -142,7 +143,10 @@ def leaderboard_tables(rows: "Iterable[Row]") -> Group:
     for row in rows:
         if row.track not in tables:
             table = tables[row.track] = Table(
-                title=f"{row.track} track", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False
+                title=f"{row.track} track",
+                box=box.SIMPLE_HEAD,
+                padding=0,
+                show_edge=False,  # 80 columns are enough so
             )
             for column in ("scenario", "agent", "rank", "Landed", "CR", "CRAL", "95 % CI"):
                 table.add_column(column, justify="left" if column in ("scenario", "agent") else "right", no_wrap=True)
@@ -159,7 +163,7 @@ def leaderboard_tables(rows: "Iterable[Row]") -> Group:
 def working(console: Console, label: str, total: int) -> Generator[Callable[[object], None]]:
     """Show the progress of a few long pieces of work, each of which calls what is given when it is done."""
     with Progress(
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
+        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
     ) as progress:
         task = progress.add_task(label, total=total)
         yield lambda _: progress.advance(task)
@@ -198,7 +202,7 @@ def episodes_progress(console: Console, label: str, name: str) -> Generator[Epis
 def _bar(console: Console) -> Generator[Progress]:
     """Return a bar that is not shown before it is started."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),

@@ -1,9 +1,12 @@
 """Files of arrays: the same arrays give the same bytes, and a file is written whole or not at all."""
 
 import contextlib
+import errno
 import io
 import math
 import os
+import shutil
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -50,13 +53,16 @@ def _read_array(table: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename}: compressed in a way that NumPy does not use")
     with table.open(member) as file:
-        content = file.read()
+        content = file.read(member.file_size + 1)  # without a number, zipfile inflates up to 1 GB and then cuts it to this
     header = io.BytesIO(content)
     version = np.lib.format.read_magic(header)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"{member.filename}: an array of format {version}")
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran_order, dtype = read(header)
+    try:
+        shape, fortran_order, dtype = read(header)
+    except (SyntaxError, tokenize.TokenError, MemoryError, RecursionError):  # of the parser of Python's own literals
+        raise ValueError(f"{member.filename}: its header is no array's") from None
     rest = content[header.tell() :]
     if dtype.hasobject or dtype.names is not None:
         raise ValueError(f"{member.filename}: holds objects instead of numbers")
@@ -67,14 +73,43 @@ def _read_array(table: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that it is there as a whole, or as it was before, whatever happens meanwhile."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    write_together({path: content})
+
+
+def write_together(contents: Mapping[Path, bytes]) -> None:
+    """Write files, each as a whole, and none before all are on the disk and can take their places."""
+    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in contents}
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
+        for path, content in contents.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+            with temporary[path].open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+        for path in contents:
+            temporary[path].replace(path)
     finally:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
+        for path in temporary.values():
+            with contextlib.suppress(OSError):
+                path.unlink()
+
+
+def replace_folder(new: Path, folder: Path) -> None:
+    """Put a folder in the place of another, which stays where it was if that fails.
+
+    What a process left that was killed between the two moves is put right by the next call.
+    """
+    old = folder.with_name(f".{folder.name}.old")
+    if old.exists() and folder.exists():
+        shutil.rmtree(old)
+    try:
+        if folder.exists():
+            folder.replace(old)
+        new.replace(folder)
+    except BaseException:
+        if old.exists() and not folder.exists():
+            old.replace(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)

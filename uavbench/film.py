@@ -48,7 +48,7 @@ def save_film(scenes: Sequence[Scene], path: Path, fps: float, on_frame: Told = 
         As `check_film`, or when the file cannot be written.
     """
     check_film(path, fps)
-    deliver(path, _WRITERS[path.suffix.lower()](scenes, fps, on_frame))
+    deliver({path: _WRITERS[path.suffix.lower()](scenes, fps, on_frame)})
 
 
 def _frame(scene: Scene) -> NDArray[np.uint8]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 METRICS = ("landed", "cr", "cral")
 CONFIDENCE = 0.95
 _RESAMPLES = 10_000
+_ROUNDING = 1e-6  # in CRAL: what a replay in DH lets through
 _CHUNK = 500_000  # values resampled at once
 
 
@@ -77,8 +78,9 @@ def paired_p_value(strata: Sequence[NDArray[np.float64]]) -> float:
     ----------
     strata : sequence of ndarray
         Differences on the same episodes, a scenario each; the mean of their means is tested. Some hundred of them are
-        enough for the central limit theorem.
+        enough for the central limit theorem. What two platforms' logarithms may differ by counts as no difference.
     """
+    strata = [np.where(np.abs(values) <= _ROUNDING, 0.0, values) for values in strata]
     mean = math.fsum(float(values.mean()) for values in strata)
     variance = math.fsum(float(values.var(ddof=1)) / len(values) for values in strata)
     if variance == 0.0:

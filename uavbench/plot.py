@@ -40,7 +40,7 @@ def save_plot(scene: Scene, path: Path) -> None:
     figure: Any = draw(scene)
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=200, format=path.suffix.lower().removeprefix("."))
-    deliver(path, buffer.getvalue())
+    deliver({path: buffer.getvalue()})
 
 
 def draw(scene: Scene) -> Figure:

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from uavbench.display import NAMES
-from uavbench.metrics import METRICS, Interval, compare, mean_interval, proportion_interval
+from uavbench.metrics import METRICS, Interval, compare, mean_interval, proportion_interval, summarise
 from uavbench.replay import check_paired, flown_in
 from uavbench.results import Result, ResultError, deliver
 from uavbench.scenario import Scenario, SplitName
@@ -68,7 +68,7 @@ def write_report(
     folder : Path
         Where to; it need not be there. Nothing is written before everything is computed.
     on_file : callable, optional
-        Told of every file.
+        Told of every file that is ready to be written.
     scenario_file : str, optional
         Where the scenario is, if it is a user's own and not where it was.
 
@@ -84,15 +84,16 @@ def write_report(
         "comparison.tex": _latex(rows, compared.subject).encode(),
         "comparison.csv": _numbers(compared).to_csv(index=False, lineterminator="\n").encode(),
     }
+    for name in files:
+        on_file(folder / name)
     for name, draw in _FIGURES.items():
         figure = draw(compared)
         for ending in _FORMATS:
             buffer = io.BytesIO()
             figure.savefig(buffer, dpi=200, format=ending)
             files[f"{name}.{ending}"] = buffer.getvalue()
-    for name, content in files.items():
-        deliver(folder / name, content)
-        on_file(folder / name)
+            on_file(folder / f"{name}.{ending}")
+    deliver({folder / name: content for name, content in files.items()})
 
 
 def _compare(results: Sequence[Result], scenario_file: str | None) -> Compared:
@@ -106,10 +107,7 @@ def _compare(results: Sequence[Result], scenario_file: str | None) -> Compared:
     scenario, split = flown_in(results[0], scenario_file)
     for other in results[1:]:
         check_paired(results[0], other)
-    tables = [result.episodes() for result in results]
-    for result, table in zip(results, tables, strict=True):
-        if table["episode"].tolist() != list(range(result.summary["episodes"])):
-            raise ResultError(f"{result.folder / 'episodes.csv'}: does not hold the {result.summary['episodes']} episodes")
+    tables = [result.scores() for result in results]
     return Compared(_names(results, folders), results, tables, scenario, split)
 
 
@@ -133,11 +131,12 @@ def _numbers(compared: Compared) -> "pd.DataFrame":
 
     first = compared.tables[0]["cral"].to_numpy(np.float64)
     rows: list[dict[str, Any]] = []
-    for name, result, table in zip(compared.names, compared.results, compared.tables, strict=True):
+    for name, table in zip(compared.names, compared.tables, strict=True):
         row: dict[str, Any] = {"agent": name, "episodes": len(table)}
-        intervals = dict(result.metrics)
+        landed, cr, cral = (table[metric].to_numpy(np.float64) for metric in METRICS)
+        intervals = summarise(landed > 0, cr, cral)
         if table is not compared.tables[0]:
-            intervals["cral_difference"] = compare(table["cral"].to_numpy(np.float64), first).difference
+            intervals["cral_difference"] = compare(cral, first).difference
         for metric, interval in intervals.items():
             row |= {metric: interval.mean, f"{metric}_low": interval.low, f"{metric}_high": interval.high}
         rows.append({**row, "steps": table["steps"].mean()})
@@ -173,10 +172,16 @@ def _latex(rows: Sequence[Sequence[str]], subject: str) -> str:
     return "\n".join([*begin, r"\hline", head, r"\hline", *body, r"\hline", r"\end{tabular}"]) + "\n"
 
 
+_TEX = {letter: f"\\{letter}" for letter in "_%&#${}"} | {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "−": "$-$",
+}
+
+
 def _tex(text: str) -> str:
-    for plain, tex in {"\\": r"\textbackslash{}", "_": r"\_", "%": r"\%", "&": r"\&", "#": r"\#", "−": "$-$"}.items():
-        text = text.replace(plain, tex)
-    return text
+    return "".join(_TEX.get(letter, letter) for letter in text)
 
 
 # Figures.
@@ -260,7 +265,9 @@ def _figure(compared: Compared, across: str, up: str) -> tuple[Any, Any]:
 def _band(axes: Any, k: int, x: Sequence[float], found: Sequence[Interval], name: str, marker: str = "") -> None:
     """Draw the means of agent ``k`` with the band of their intervals; dashes show lines that lie on each other."""
     dashes = "-" if k == 0 else (0, (4, 1 + k))
-    (line,) = axes.plot(x, [100 * each.mean for each in found], ls=dashes, marker=marker, ms=4, mfc="none", lw=1.4, label=name)
+    label = name.replace("$", r"\$")  # else mathematics
+    label = f" {label}" if label.startswith("_") else label  # else left out of the legend
+    (line,) = axes.plot(x, [100 * each.mean for each in found], ls=dashes, marker=marker, ms=4, mfc="none", lw=1.4, label=label)
     low, high = [100 * each.low for each in found], [100 * each.high for each in found]
     axes.fill_between(x, low, high, color=line.get_color(), alpha=0.18, lw=0)
 

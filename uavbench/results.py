@@ -7,7 +7,8 @@ import csv
 import json
 import platform
 import shutil
-from collections.abc import Sequence
+import stat
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.evaluate import EpisodeRecord, Job
-from uavbench.files import pack_arrays, unpack_arrays, write_whole
+from uavbench.files import pack_arrays, replace_folder, unpack_arrays, write_together
 from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
@@ -88,10 +89,31 @@ class Result:
             if head != list(COLUMNS):
                 raise ValueError(f"its columns are not {','.join(COLUMNS)}")
             # Python's float() reads back to the last bit what was written; pandas' own parser need not.
-            values = [[kind(cell) for kind, cell in zip(kinds, row, strict=True)] for row in rows]
+            values = [[kind(_digits(cell)) for kind, cell in zip(kinds, row, strict=True)] for row in rows]
             return pd.DataFrame(values, columns=list(COLUMNS)).astype(dict(zip(COLUMNS, kinds, strict=True)))
         except (OSError, ValueError, OverflowError, csv.Error) as error:
             raise ResultError(f"{path}: damaged: {error}") from None
+
+    def scores(self) -> "pd.DataFrame":
+        """Return `episodes`, whose numbers are possible and those of the summary, though nothing is flown again.
+
+        Raises
+        ------
+        ResultError
+            When they are not, or the file is damaged.
+        """
+        path, table = self.folder / "episodes.csv", self.episodes()
+        if table["episode"].tolist() != list(range(self.summary["episodes"])):
+            raise ResultError(f"{path}: does not hold the {self.summary['episodes']} episodes, each once and in order")
+        for name, said in self.metrics.items():
+            strange = table.loc[~table[name].between(0, 1 + 1e-9), ["episode", name]]
+            if len(strange):
+                number, value = strange.iloc[0]
+                raise ResultError(f"{path}: episode {number:.0f}: {name} is {value:g}, which is not in [0, 1]")
+            if not abs(table[name].mean() - said.mean) <= 1e-6:
+                where = self.folder / "summary.json"
+                raise ResultError(f"{where}: metrics.{name}: mean is {said.mean:g}, in episodes.csv {table[name].mean():g}")
+        return table
 
     def actions(self) -> dict[int, NDArray[np.uint8]]:
         """Return the actions of each episode, by its number, as in `EpisodeRecord`.
@@ -105,13 +127,17 @@ class Result:
         try:
             table = unpack_arrays(path.read_bytes(), _MOST_BYTES)
             episodes: int = self.summary["episodes"]
+            if table.keys() != {"actions", "offsets", "episodes"}:
+                raise ValueError("its arrays are not actions, offsets and episodes")
             if table["episodes"].shape != (episodes,) or table["offsets"].shape != (episodes + 1,):
                 raise ValueError(f"does not hold the episodes 0 to {episodes - 1}")
+            if {table[name].dtype.kind for name in ("offsets", "episodes")} != {"i"}:
+                raise ValueError("its offsets and episodes are no signed integers")
             actions, offsets = (
                 table["actions"].astype(np.uint8, casting="equiv"),
                 table["offsets"].astype(np.int64, casting="same_kind"),
             )
-            if offsets[0] != 0 or offsets[-1] != len(actions) or (np.diff(offsets) < 0).any():
+            if offsets[0] != 0 or offsets[-1] != len(actions) or (offsets[1:] < offsets[:-1]).any():
                 raise ValueError("its offsets do not cut the actions into episodes")
             parts = np.split(actions, offsets[1:-1])
             return dict(zip(table["episodes"].tolist(), parts, strict=True))
@@ -119,17 +145,25 @@ class Result:
             raise ResultError(f"{path}: damaged: {error}") from None
 
 
-def deliver(path: Path, content: bytes) -> None:
-    """Write a file that is made of results: as a whole, or it stays as it was.
+def _digits(cell: str) -> str:
+    """Return a number as `publish` writes it; Python itself reads more: other scripts' digits, spaces, underscores."""
+    if not cell.isascii() or set(cell) & {" ", "_"}:
+        raise ValueError(f"{cell!r} is no number")
+    return cell
+
+
+def deliver(contents: Mapping[Path, bytes]) -> None:
+    """Write files that are made of results: all as a whole, or they stay as they were.
 
     Raises
     ------
     ResultError
-        When it cannot be written.
+        When one cannot be written.
     """
     try:
-        write_whole(path, content)
+        write_together(contents)
     except OSError as error:
+        path = error.filename if error.filename in map(str, contents) else next(iter(contents))
         raise ResultError(f"{path}: cannot write it: {error.strerror or error}") from None
 
 
@@ -143,12 +177,15 @@ def load_result(folder: Path) -> Result:
     """
     path = folder / "summary.json"
     try:
+        for name in ("summary.json", "episodes.csv", "actions.npz"):
+            if not stat.S_ISREG((folder / name).stat().st_mode):
+                raise ResultError(f"{folder / name}: not a plain file")
         result = checked_result(folder, json.loads(path.read_text(encoding="utf-8")))
-        for name in ("episodes.csv", "actions.npz"):
-            (folder / name).stat()
     except (FileNotFoundError, NotADirectoryError) as error:
         raise ResultError(f"{error.filename}: missing; give a folder that uavbench evaluate wrote") from None
-    except (OSError, KeyError, TypeError, ValueError) as error:
+    except ResultError:
+        raise
+    except (OSError, KeyError, TypeError, ValueError, RecursionError) as error:
         raise ResultError(f"{path}: not a summary that uavbench evaluate wrote ({error!r})") from None
     return result
 
@@ -158,8 +195,8 @@ def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
 
     Raises
     ------
-    KeyError, TypeError
-        When something is missing, or of another type: the message is its name.
+    KeyError, TypeError, ValueError
+        When something is missing, of another type, or cannot be: the message has its name.
     """
     result = Result(folder, summary)
     for interval in result.metrics.values():
@@ -170,6 +207,11 @@ def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
         for name in names:
             if not isinstance(summary[name], kind):
                 raise TypeError(name)
+    for name in ("agent", "scenario"):  # which are in the names of files that are made of a result
+        if not summary[name].isprintable() or set(summary[name]) & {"/", "\\"}:
+            raise ValueError(f"{name}: {summary[name]!r} is no name")
+    if summary["episodes"] < 1:
+        raise ValueError("episodes: there are none")
     return result
 
 
@@ -226,17 +268,11 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
         "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
         "episodes": np.array([record.episode for record in records]),
     }
-    new, old = (folder.with_name(f".{folder.name}.{kind}") for kind in ("new", "old"))
-    if not folder.exists() and old.exists():
-        old.replace(folder)  # the last run was killed between the two moves below
-    for leftover in (new, old):
-        shutil.rmtree(leftover, ignore_errors=True)
+    new = folder.with_name(f".{folder.name}.new")
+    shutil.rmtree(new, ignore_errors=True)
     new.mkdir(parents=True)
     (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
     (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))
-    if folder.exists():
-        folder.replace(old)
-    new.replace(folder)
-    shutil.rmtree(old, ignore_errors=True)
+    replace_folder(new, folder)
     return Result(folder, summary)

@@ -7,7 +7,7 @@ import pytest
 from uavbench import load_scenario
 from uavbench.agent import find_agent
 from uavbench.evaluate import Job
-from uavbench.leaderboard.submission import submit
+from uavbench.leaderboard.submit import submit
 from uavbench.results import load_result
 from uavbench.run import run
 

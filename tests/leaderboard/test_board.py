@@ -5,20 +5,16 @@ import io
 import re
 import shutil
 import tomllib
+from dataclasses import replace
 
 import pytest
 import tomli_w
-from typer.testing import CliRunner
+from commands import uavbench_command as uavbench
 
 from uavbench.agent import find_agent
-from uavbench.cli import app
-from uavbench.leaderboard.board import build, submission_folders, verify
+from uavbench.leaderboard.board import _of_one_hand, build, submission_folders, verify
 from uavbench.leaderboard.reruns import load_reruns
-from uavbench.leaderboard.submission import SubmissionError
-
-
-def uavbench(*arguments):
-    return CliRunner().invoke(app, [str(each) for each in arguments])
+from uavbench.leaderboard.submission import SubmissionError, load_submission
 
 
 def rows(folder):
@@ -160,6 +156,35 @@ def test_what_is_filed_together_is_of_one_hand(submissions, old, new):
     assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): another than in random/Block8-CPP-v0", line)
 
 
+def test_a_strangers_folder_drives_nobody_out(submissions):
+    """Though it comes first."""
+    one = load_submission(submissions / "random" / "Block8-CPP-v0")
+    honest = [(replace(one, folder=submissions / "random" / name), []) for name in ("Mine-v0", "Yours-v0")]
+    stranger = replace(one, manifest=one.manifest.model_copy(update={"authors": ("Mallory",)}))
+    kept, (line,) = _of_one_hand([(stranger, []), *honest])
+    assert kept == honest
+    assert line == "random/Block8-CPP-v0: manifest.toml: authors: another than in random/Mine-v0"
+
+
+@pytest.mark.parametrize("what", ["a board", "a homepage"])
+def test_what_was_there_stays_when_all_are_refused(submissions, what):
+    for path in submissions.glob("*/*"):
+        spoil(path)
+    for name in ("leaderboard.csv", "index.html"):
+        (submissions.parent / name).write_text(what)
+    told = uavbench("leaderboard", "build", submissions)
+    assert (told.exit_code, told.output.count("refused: "), "nothing was written" in told.output) == (1, 4, True)
+    assert {(submissions.parent / name).read_text() for name in ("leaderboard.csv", "index.html")} == {what}
+
+
+def test_both_files_are_written_or_none(submissions):
+    (submissions.parent / "leaderboard.csv").write_text("old")
+    (submissions.parent / "index.html").mkdir()
+    told = uavbench("leaderboard", "build", submissions)
+    assert (told.exit_code, "index.html: cannot write it" in told.output) == (2, True), told.output
+    assert (submissions.parent / "leaderboard.csv").read_text() == "old"
+
+
 def test_nothing_is_written_when_the_page_cannot_be(submissions, monkeypatch):
     monkeypatch.setattr("uavbench.leaderboard.board.page_text", lambda rows, entries: 1 / 0)
     with pytest.raises(ZeroDivisionError):
@@ -246,6 +271,18 @@ def test_a_rerun_of_other_actions_does_not_count(submissions):
     build(submissions)
     row = next(row for row in rows(submissions.parent) if (row["name"], row["scenario"]) == ("random", "Block8-CPP-v0"))
     assert row["tier"] == "replayed"
+
+
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0"])
+def test_a_rerun_on_another_track_does_not_count(submissions, scenario):
+    """What was executed saw the observation: an edited manifest cannot say otherwise and keep the tier."""
+    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random").exit_code == 0
+    for path in (submissions / "random").glob("*/manifest.toml"):
+        text = path.read_text(encoding="utf-8")
+        path.write_text(text.replace('track = "observation"', 'track = "state"'), encoding="utf-8")
+    build(submissions)
+    row = next(row for row in rows(submissions.parent) if (row["name"], row["scenario"]) == ("random", scenario))
+    assert (row["track"], row["tier"], row["rerun_episodes"]) == ("state", "replayed", "0")
 
 
 def test_a_damaged_table_of_reruns_is_an_error(submissions):

@@ -20,11 +20,11 @@ RANDOM = np.random.default_rng(7)
 BASE = {name: RANDOM.random(1000) for name in PAPER_SCENARIOS}
 
 
-def entry(name, scenario, cral, track="state", folder=None):
+def entry(name, scenario, cral, track="state", folder=None, training=""):
     """An entry of made-up scores, in which every episode landed."""
     table = pd.DataFrame({"episode": range(1000), "landed": 1, "cr": cral, "cral": cral, "steps": 50})
     said = Summary.model_construct(track=track, decisions_per_second=100.0, split="test", scenario=scenario)
-    manifest = Manifest.model_construct(name=name, authors=("A",), result=said)
+    manifest = Manifest.model_construct(name=name, authors=("A",), training=training, result=said)
     made = Entry(Submission(folder, manifest, Result(folder, {}), load_scenario(scenario)), [], None)
     made.__dict__["table"] = table
     return made
@@ -65,6 +65,16 @@ def test_tracks_are_apart_and_overall_needs_all_four_scenarios():
     assert overall.episodes == 4000
 
 
+def test_what_is_said_of_training_stands_by_scenario_where_it_differs():
+    def overall(*said):
+        entries = [entry("a", name, BASE[name], training=text) for name, text in zip(PAPER_SCENARIOS, said, strict=True)]
+        return next(row.training for row in rank(entries) if row.scenario == OVERALL)
+
+    first, second, third, fourth = PAPER_SCENARIOS
+    assert overall(*["seed 0"] * 4) == "seed 0"
+    assert overall("seed 0", "seed 1", "", "seed 0") == f"{first}, {fourth}: seed 0; {second}: seed 1; {third}: none"
+
+
 def test_any_two_whose_difference_is_not_significant_share_a_rank():
     one = PAPER_SCENARIOS[:1]
     entries = list(itertools.chain(*(agent(f"a{k}", 0.3 + 0.0005 * k * k, 0.02, one) for k in range(8))))
@@ -97,7 +107,7 @@ def test_the_same_rows_give_the_same_text_and_text_cannot_be_a_formula():
     lines = table_text([replace(rows[0], training='=cmd|"x"!A1', gap_to_bound=-1e-9)]).splitlines()
     assert lines[0].split(",") == list(COLUMNS)
     assert "'=cmd" in lines[1]
-    assert lines[1].endswith(",0.00")
+    assert lines[1].endswith(",0.00,4000,3212")
 
 
 # Statistics.
@@ -133,6 +143,9 @@ def test_p_values_are_those_of_the_paired_t_test_for_many_episodes():
         assert paired_p_value([first - second]) == pytest.approx(stats.ttest_rel(first, second).pvalue, abs=0.001)
     assert paired_p_value([np.zeros(10)]) == 1.0
     assert paired_p_value([np.ones(10)]) == 0.0
+    last_digit = np.zeros(1000)
+    last_digit[:30] = 1e-12
+    assert paired_p_value([last_digit]) == 1.0
 
 
 def test_holm_rejects_step_by_step():

@@ -11,7 +11,8 @@ import pytest
 import tomli_w
 
 from uavbench.files import pack_arrays, unpack_arrays
-from uavbench.leaderboard.submission import MANIFEST, SubmissionError, check, load_submission, submit
+from uavbench.leaderboard.submission import MANIFEST, SubmissionError, check, load_submission
+from uavbench.leaderboard.submit import submit
 from uavbench.results import Result, load_result
 
 FOLDER = "greedy/Block8-CPP-v0"
@@ -92,6 +93,44 @@ def test_a_name_that_is_filed_alike_is_not_taken_from_another(result, tmp_path):
     assert load_submission(tmp_path / "s" / "my-agent" / "Block8-CPP-v0").manifest.authors == ("A",)
 
 
+def test_a_name_of_an_older_version_is_not_taken_either(result, tmp_path):
+    (folder,) = submit([result], tmp_path / "s", name="My Agent", authors=["A"])
+    edit_manifest(folder, lambda table: table["result"].update(scenario_digest="0" * 64))
+    with pytest.raises(SubmissionError, match="is My Agent by A: choose another name"):
+        submit([result], tmp_path / "s", name="My Agent", authors=["B"])
+    assert submit([result], tmp_path / "s", name="My Agent", authors=["A"]) == [folder]
+    assert load_submission(folder).manifest.authors == ("A",)
+
+
+def test_what_build_would_refuse_is_not_submitted(results, tmp_path):
+    told = {"name": "a", "authors": ["b"]}
+    coverage, harvesting = results["greedy"]
+    submit([coverage], tmp_path / "s", **told)
+    with pytest.raises(SubmissionError, match=r"link: .*Block8-CPP-v0 has none and track state: say the same"):
+        submit([harvesting], tmp_path / "s", **told, link="https://example.org")
+    with pytest.raises(SubmissionError, match="has none and track state: say the same"):
+        submit([results["random"][1]], tmp_path / "s", **told)
+    with pytest.raises(SubmissionError, match="track: greedy has state, random observation"):
+        submit([coverage, results["random"][1]], tmp_path / "s", **told)
+    assert [path.name for path in (tmp_path / "s" / "a").iterdir()] == ["Block8-CPP-v0"]
+    both = submit([coverage, harvesting], tmp_path / "s", **told, link="https://example.org")
+    assert {load_submission(each).manifest.link for each in both} == {"https://example.org"}
+
+
+def test_a_users_own_files_are_not_deleted(result, tmp_path):
+    (folder,) = submit([result], tmp_path / "s", name="a", authors=["b"])
+    (folder / "notes.txt").write_text("mine")
+    with pytest.raises(SubmissionError, match=r"holds 'notes\.txt'"):
+        submit([result], tmp_path / "s", name="a", authors=["b"])
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+def test_a_folder_that_cannot_be_written_is_named(result, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SubmissionError, match=f"{tmp_path / 'file'}: File exists"):
+        submit([result], tmp_path / "file", name="a", authors=["b"])
+
+
 def test_two_results_on_one_scenario_are_no_submission(result, tmp_path):
     with pytest.raises(SubmissionError, match="two results"):
         submit([result, result], tmp_path / "s", name="a", authors=["b"])
@@ -121,7 +160,10 @@ def test_a_result_that_is_not_reproduced_is_no_submission(result, tmp_path):
         (lambda t: t["result"].pop("agent"), "agent"),
         (lambda t: t["result"].update(episodes="1000"), "episodes"),
         (lambda t: t["result"].update(episodes=10**12), "episodes"),
-        (lambda t: t["result"].update(scenario="../../etc/passwd"), "does not come with"),
+        (lambda t: t["result"].update(scenario="../../etc/passwd"), "scenario: .* is no name"),
+        (lambda t: t["result"].update(scenario="Mine-v0"), "does not come with"),
+        (lambda t: t["result"].update(agent="x/../../../escaped"), "agent: .* is no name"),
+        (lambda t: t.update(authors=[" "]), "authors"),
         (lambda t: t["result"].update(scenario="Block8-DH-v0"), "folders"),
         (lambda t: t["result"].update(scenario_digest="0" * 64), "scenario_digest"),
         (lambda t: t["result"].update(split="train"), "split"),
@@ -154,8 +196,9 @@ def test_a_wrong_manifest_is_refused(submissions, change, reason):
 def test_a_manifest_that_is_no_toml_is_refused(submissions):
     (submissions / FOLDER / MANIFEST).write_bytes(b"\xff\xfe")
     assert MANIFEST in refusal(submissions / FOLDER)
-    (submissions / FOLDER / MANIFEST).write_text("a = ", encoding="utf-8")
-    assert MANIFEST in refusal(submissions / FOLDER)
+    for text in ("a = ", "a = " + "[" * 20_000, "a = 0x" + "f" * 9000):
+        (submissions / FOLDER / MANIFEST).write_text(text, encoding="utf-8")
+        assert MANIFEST in refusal(submissions / FOLDER)
 
 
 @pytest.mark.parametrize(
@@ -170,6 +213,8 @@ def test_a_manifest_that_is_no_toml_is_refused(submissions):
         ("\n17,1,", "\n17,1.9,", "damaged"),
         ("\n17,1,", "\n17,1,1,", "damaged"),
         ("\n17,1,", f"\n17,{10**30},", "damaged"),
+        ("\n17,1,", "\n1_7, 1,", "is no number"),
+        ("\n17,1,", "\n\N{ARABIC-INDIC DIGIT SEVEN},1,", "is no number"),
     ],
 )
 def test_an_edited_table_is_refused(submissions, old, new, reason):
@@ -205,6 +250,9 @@ def shorter(table):
         (lambda t: t.update(offsets=np.zeros(0, dtype=np.int64)), "damaged"),
         (lambda t: t.update(episodes=t["episodes"][::-1]), "hold the episodes"),
         (lambda t: t.pop("episodes"), "damaged"),
+        (lambda t: t.update(more=np.zeros(3)), "its arrays are not"),
+        (lambda t: t.update(episodes=t["episodes"].astype(np.complex128)), "no signed integers"),
+        (lambda t: t.update(offsets=t["offsets"].astype(np.uint64)), "no signed integers"),
         (lambda t: t.update(offsets=np.zeros(10**7, dtype=np.uint8)), "hold the episodes"),
         (lambda t: t.update(offsets=np.zeros((1001, 1), dtype=np.int64)), "hold the episodes"),
     ],

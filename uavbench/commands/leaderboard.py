@@ -36,7 +36,7 @@ def submit(
 
     from uavbench.display import working
     from uavbench.leaderboard.submission import SubmissionError
-    from uavbench.leaderboard.submission import submit as make_submission
+    from uavbench.leaderboard.submit import submit as make_submission
     from uavbench.results import ResultError, load_result
 
     try:
@@ -89,18 +89,21 @@ def build(submissions: _Submissions, workers: _Workers = 1) -> None:
     from uavbench.leaderboard.board import build as build_board
     from uavbench.leaderboard.board import submission_folders
     from uavbench.leaderboard.submission import SubmissionError
+    from uavbench.results import ResultError
 
     console = Console()
     try:
         with working(Console(stderr=True), "replaying", len(submission_folders(submissions))) as advance:
             board = build_board(submissions, workers, advance)
-    except SubmissionError as error:
+    except (ResultError, SubmissionError) as error:
         raise fail(error) from None
     console.print(leaderboard_tables(board.rows))
     for line in board.alike:
         typer.echo(f"note: {line}")
     for line in board.refused:
         fail(f"refused: {line}")
+    if not board.rows:
+        fail("none holds: nothing was written")
     if board.refused:
         raise typer.Exit(1)
 
@@ -137,7 +140,8 @@ def rerun(
             with episodes_progress(Console(stderr=True), submission.label, "CRAL") as progress:
                 progress.show(count)
                 found = fly_again(submission, source, count, workers, lambda record: progress.advance(record.cral))
-            save_rerun(each.parent.parent.parent / "reruns.csv", found)
-            typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes")
+            kept = each.parent.parent.parent / "reruns.csv"
+            save_rerun(kept, found)
+            typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes; it stands in {kept}")
     except (AgentLoadError, AgentError, SubmissionError) as error:
         raise fail(error, 1) from None

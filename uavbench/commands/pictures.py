@@ -5,14 +5,13 @@ from typing import Annotated
 
 import typer
 
-from uavbench.commands.shared import ScenarioFile, fail, flown
+from uavbench.commands.shared import ResultFolder, ScenarioFile, fail, flown
 
 _Episode = Annotated[int, typer.Option(min=0, help="Which episode.")]
-_Flown = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission's.")]
 
 
 def plot(
-    folder: _Flown,
+    folder: ResultFolder,
     episode: _Episode = 0,
     out: Annotated[
         Path | None, typer.Option(help="A .png, .svg or .pdf file; by default <scenario>-<agent>-<episode>.png.")
@@ -24,7 +23,6 @@ def plot(
     The title says how many movements of the budget were made, and the CR.
     """
     from uavbench import ScenarioError
-    from uavbench.leaderboard.submission import SubmissionError
     from uavbench.plot import check_plot, save_plot
     from uavbench.results import ResultError
     from uavbench.watch import recorded_scenes
@@ -34,13 +32,13 @@ def plot(
         path = out or Path(f"{result.summary['scenario']}-{result.summary['agent']}-{episode}.png")
         check_plot(path)
         save_plot(recorded_scenes(result, episode, scenario)[-1], path)
-    except (ResultError, ScenarioError, SubmissionError) as error:
+    except (ResultError, ScenarioError) as error:
         raise fail(error) from None
     typer.echo(path)
 
 
 def film(
-    folder: _Flown,
+    folder: ResultFolder,
     episode: _Episode = 0,
     out: Annotated[Path | None, typer.Option(help="An .mp4 or .gif file; by default <scenario>-<agent>-<episode>.mp4.")] = None,
     fps: Annotated[float, typer.Option(min=0.1, max=120, help="Steps shown a second.")] = 8.0,
@@ -55,7 +53,6 @@ def film(
     from uavbench import ScenarioError
     from uavbench.display import working
     from uavbench.film import check_film, save_film
-    from uavbench.leaderboard.submission import SubmissionError
     from uavbench.results import ResultError
     from uavbench.watch import recorded_scenes
 
@@ -66,7 +63,7 @@ def film(
         scenes = recorded_scenes(result, episode, scenario)
         with working(Console(stderr=True), "filming", len(scenes)) as advance:
             save_film(scenes, path, fps, advance)
-    except (ResultError, ScenarioError, SubmissionError) as error:
+    except (ResultError, ScenarioError) as error:
         raise fail(error) from None
     typer.echo(path)
 
@@ -112,13 +109,12 @@ def report(
 
     from uavbench import ScenarioError
     from uavbench.display import working
-    from uavbench.leaderboard.submission import SubmissionError
     from uavbench.report import FILES, write_report
     from uavbench.results import ResultError
 
     try:
         with working(Console(stderr=True), "writing", len(FILES)) as advance:
             write_report([flown(folder) for folder in folders], out, advance, scenario)
-    except (ResultError, ScenarioError, SubmissionError) as error:
+    except (ResultError, ScenarioError) as error:
         raise fail(error) from None
     typer.echo(f"wrote {out}: {', '.join(FILES)}")

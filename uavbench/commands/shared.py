@@ -9,21 +9,33 @@ import typer
 if TYPE_CHECKING:
     from uavbench.results import Result
 
-ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote: OUT/<scenario>/<agent>.")]
+ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission's.")]
 ScenarioFile = Annotated[
     str | None, typer.Option("--scenario", help="The .toml file of a scenario of your own, if it has moved.")
 ]
 
 
 def flown(folder: Path) -> "Result":
-    """Return the result in a folder: one that ``evaluate`` wrote, or a submission to the leaderboard."""
-    from uavbench.leaderboard.submission import MANIFEST, load_submission
-    from uavbench.results import load_result
+    """Return the result in a folder: one that ``evaluate`` wrote, or a submission to the leaderboard.
 
-    return load_submission(folder).result if (folder / MANIFEST).exists() else load_result(folder)
+    Raises
+    ------
+    ResultError
+        When there is none, or it cannot be used.
+    """
+    from uavbench.leaderboard.submission import MANIFEST, SubmissionError, load_submission
+    from uavbench.results import ResultError, load_result
+
+    if not (folder / MANIFEST).exists():
+        return load_result(folder)
+    try:
+        return load_submission(folder).result
+    except SubmissionError as error:
+        raise ResultError(str(error)) from None
 
 
 def fail(error: BaseException | str, code: int = 2) -> typer.Exit:
-    """Print what is wrong, and return the exit with ``code``."""
-    print(f"uavbench: {error}", file=sys.stderr)  # noqa: T201
+    """Print what is wrong, and return the exit with ``code``; what a file says cannot steer the terminal."""
+    seen = "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in str(error))
+    print(f"uavbench: {seen}", file=sys.stderr)  # noqa: T201
     return typer.Exit(code)

@@ -8,7 +8,7 @@ from typing import Any, cast
 import joblib  # pyright: ignore[reportMissingTypeStubs]
 
 from uavbench.evaluate import EpisodeRecord
-from uavbench.files import write_whole
+from uavbench.files import write_together
 from uavbench.leaderboard.page import page_text
 from uavbench.leaderboard.ranking import Entry, Row, rank
 from uavbench.leaderboard.reruns import load_reruns
@@ -43,7 +43,8 @@ def submission_folders(folder: Path) -> list[Path]:
         return [root]
     found: list[Path] = []
     for outer in sorted(root.glob("*")):
-        inner = [] if outer.is_symlink() or not outer.is_dir() or _is_one(outer) else sorted(outer.iterdir())
+        closed = outer.name.startswith(".") or outer.is_symlink() or not outer.is_dir() or _is_one(outer)
+        inner = [] if closed else sorted(outer.iterdir())
         found += inner or [outer]
     if not found:
         raise SubmissionError(f"{folder}: holds no submissions: folders <name>/<scenario> that uavbench submit wrote")
@@ -77,43 +78,49 @@ def verify(
 def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None] = lambda folder: None) -> Board:
     """Replay all submissions, then write ``leaderboard.csv`` and ``index.html`` beside their folder.
 
+    When all are refused the board has no rows, and what was there stays.
+
     Raises
     ------
     SubmissionError
-        When there are no submissions, or only one agent's folder is given. What was there stays then.
+        When there are no submissions, only one agent's folder is given, or the files cannot be written: what was there stays.
+    ResultError
+        When what is known of a scenario's episodes is damaged.
     """
     folder, inner = submissions.resolve().parent, [path for path in submissions.glob("*") if path.is_dir()]
     if submissions.is_dir() and (_is_one(submissions) or (inner and all(_is_one(path) for path in inner))):
         raise SubmissionError(f"{submissions}: one agent's submissions: give the folder of all, in which it is")
     found, refused = verify(submission_folders(submissions), workers, on_checked)
     held, others = _of_one_hand(found)
+    if not held:
+        return Board([], [*refused, *others], [])
     reruns = load_reruns(folder / "reruns.csv")
     entries = [Entry(submission, flown, reruns.get(submission.label)) for submission, flown in held]
     rows = rank(entries)
-    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries)}  # both, before one is written
-    for name, text in texts.items():
-        write_whole(folder / name, text.encode())
+    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries)}
+    try:
+        write_together({folder / name: text.encode() for name, text in texts.items()})
+    except OSError as error:
+        raise SubmissionError(f"{error.filename or folder}: cannot write it: {error.strerror or error}") from None
     return Board(rows, [*refused, *others], _alike(held))
 
 
 def _of_one_hand(held: Sequence[Held]) -> tuple[list[Held], list[str]]:
-    """Return the submissions, and a line for each that is filed with one of another agent, author or track."""
-    first: dict[str, Submission] = {}
+    """Return the submissions, and a line for each that is filed with more of another author, link or track."""
+    alike: dict[str, dict[str, list[Submission]]] = {}
+    for submission, _ in held:
+        of_name = alike.setdefault(submission.folder.parent.name, {})
+        of_name.setdefault(repr(submission.manifest.hand), []).append(submission)
     kept: list[Held] = []
     refused: list[str] = []
     for submission, flown in held:
-        one = first.setdefault(submission.folder.parent.name, submission)
-        for field in ("name", "authors", "link", "track"):
-            if _said(submission, field) != _said(one, field):
-                refused.append(_line(f"{submission.label}: {MANIFEST}: {field}: another than in {one.label}"))
-                break
+        one = max(alike[submission.folder.parent.name].values(), key=len)[0]  # so that a stranger's folder drives nobody out
+        differs = [name for name, value in submission.manifest.hand.items() if value != one.manifest.hand[name]]
+        if differs:
+            refused.append(_line(f"{submission.label}: {MANIFEST}: {differs[0]}: another than in {one.label}"))
         else:
             kept.append((submission, flown))
     return kept, refused
-
-
-def _said(submission: Submission, field: str) -> object:
-    return submission.manifest.result.track if field == "track" else getattr(submission.manifest, field)
 
 
 def _alike(held: Sequence[Held]) -> list[str]:

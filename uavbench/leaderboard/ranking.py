@@ -57,6 +57,8 @@ class Row:
         As measured where it was flown.
     gap_to_best, gap_to_bound : float, optional
         Mean of what CRAL falls short of the best known flight, and of the upper bound, over the episodes that have one.
+    compared, bounded : int
+        How many have one.
     """
 
     scenario: str
@@ -77,6 +79,8 @@ class Row:
     decisions_per_second: float | None
     gap_to_best: float | None
     gap_to_bound: float | None
+    compared: int
+    bounded: int
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,8 @@ class Entry:
     def rerun_episodes(self) -> int:
         """On how many episodes these very actions were taken again."""
         found, manifest = self.rerun, self.submission.manifest
-        same = found and (found.agent_sha256, found.actions_sha256) == (
+        same = found and (found.track, found.agent_sha256, found.actions_sha256) == (
+            manifest.result.track,
             manifest.result.agent_sha256,
             actions_digest(self.submission),
         )
@@ -164,7 +169,7 @@ def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
         name=first.name,
         authors=", ".join(first.authors),
         link=first.link,
-        training=first.training,
+        training=_training(group),
         tier="rerun" if again == count else "replayed",
         rerun_episodes=sum(again),
         episodes=sum(count),
@@ -176,7 +181,19 @@ def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
         decisions_per_second=_harmonic([entry.submission.manifest.result.decisions_per_second for entry in group]),
         gap_to_best=_mean([each and each.to_best and each.to_best.mean for each in known]),
         gap_to_bound=_mean([each and each.to_bound and each.to_bound.mean for each in known]),
+        compared=sum(each.compared for each in known if each),
+        bounded=sum(each.bounded for each in known if each),
     )
+
+
+def _training(group: Sequence[Entry]) -> str:
+    """Return what is said of an agent's training, and of which scenarios where it is not the same of all."""
+    said: dict[str, list[str]] = {}
+    for entry in group:
+        said.setdefault(entry.submission.manifest.training, []).append(entry.submission.scenario.id)
+    if len(said) == 1:
+        return next(iter(said))
+    return "; ".join(f"{', '.join(scenarios)}: {text or 'none'}" for text, scenarios in said.items())
 
 
 def _published(scenario: str, parts: Sequence[str]) -> Row:
@@ -204,6 +221,8 @@ def _published(scenario: str, parts: Sequence[str]) -> Row:
         decisions_per_second=None,
         gap_to_best=None,
         gap_to_bound=None,
+        compared=0,
+        bounded=0,
     )
 
 

@@ -27,6 +27,8 @@ class Rerun:
     ----------
     submission : str
         Its folder, <name>/<scenario>.
+    track : str
+        What the agent saw.
     agent_sha256, actions_sha256 : str
         Digests of the agent's file and of ``actions.npz``.
     episodes : int
@@ -34,6 +36,7 @@ class Rerun:
     """
 
     submission: str
+    track: str
     agent_sha256: str
     actions_sha256: str
     episodes: int
@@ -100,7 +103,7 @@ def fly_again(
                 f"{submission.label}: episode {record.episode}: {source.name} acts otherwise from step {first} on"
             )
         on_record(record)
-    return Rerun(submission.label, said.agent_sha256, actions_digest(submission), episodes)
+    return Rerun(submission.label, said.track, said.agent_sha256, actions_digest(submission), episodes)
 
 
 def _first_difference(record: EpisodeRecord, actions: np.ndarray) -> int:

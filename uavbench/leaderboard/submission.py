@@ -4,18 +4,13 @@ Beside ``episodes.csv`` and ``actions.npz`` of the result is ``manifest.toml``: 
 ``summary.json`` said. Whatever is in such a folder may come from anybody, and is read accordingly.
 """
 
-import os
-import platform
 import re
-import shutil
-import tempfile
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import tomli_w
 from pydantic import AfterValidator, Field, ValidationError, field_validator
 
 from uavbench.agent import Track
@@ -29,7 +24,7 @@ from uavbench.scenario import Scenario, load_scenario
 
 MANIFEST = "manifest.toml"
 #: The files of a submission, and the bytes that each may have.
-_LARGEST = {MANIFEST: 2**16, "episodes.csv": 2**22, "actions.npz": 2**22}
+LARGEST = {MANIFEST: 2**16, "episodes.csv": 2**22, "actions.npz": 2**22}
 
 
 def _printable(text: str) -> str:
@@ -39,9 +34,10 @@ def _printable(text: str) -> str:
 
 
 _Line = Annotated[str, Field(max_length=200, strict=True), AfterValidator(_printable)]
+_Name = Annotated[_Line, Field(pattern=r"\S")]
 _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", strict=True)]
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-_Count = Annotated[int, Field(strict=True, ge=1)]
+_Count = Annotated[int, Field(strict=True, ge=1, le=10**12)]
 
 
 class SubmissionError(ValueError):
@@ -96,7 +92,7 @@ class Manifest(Record):
     """
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$", strict=True)]
-    authors: Annotated[tuple[_Line, ...], Field(min_length=1, max_length=30)]
+    authors: Annotated[tuple[_Name, ...], Field(min_length=1, max_length=30)]
     link: _Line = ""
     training: _Line = ""
     hardware: _Line = ""
@@ -113,6 +109,11 @@ class Manifest(Record):
     def folder(self) -> str:
         """What its folder is called."""
         return self.name.lower().replace(" ", "-")
+
+    @property
+    def hand(self) -> dict[str, Any]:
+        """What must be the same in all scenarios of a name."""
+        return {"name": self.name, "authors": self.authors, "link": self.link, "track": self.result.track}
 
 
 @dataclass(frozen=True)
@@ -143,14 +144,14 @@ def load_submission(folder: Path) -> Submission:
         _check_files(folder)
         manifest = Manifest.model_validate(tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8")))
         result = checked_result(folder, manifest.result.model_dump())
-        scenario = load_scenario(_shipped(result.summary))
+        scenario = load_scenario(shipped(result.summary))
     except ValidationError as error:
-        raise SubmissionError(f"{label}: {MANIFEST}: {_first(error)}") from None
+        raise SubmissionError(f"{label}: {MANIFEST}: {first_error(error)}") from None
     except (KeyError, TypeError) as error:
         raise SubmissionError(f"{label}: {MANIFEST}: result: {error}: missing or of a wrong type") from None
     except (OSError, SubmissionError) as error:
         raise SubmissionError(f"{label}: {getattr(error, 'strerror', None) or error}") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SubmissionError(f"{label}: {MANIFEST}: {error}") from None
     said = {
         "folders": (label, f"{manifest.folder}/{scenario.id}"),
@@ -182,86 +183,18 @@ def check(submission: Submission) -> list[EpisodeRecord]:
     return flown
 
 
-def submit(
-    results: Sequence[Result],
-    submissions: Path,
-    *,
-    name: str,
-    authors: Sequence[str],
-    link: str = "",
-    training: str = "",
-    hardware: str = "",
-    on_checked: Callable[[Path], None] = lambda folder: None,
-) -> list[Path]:
-    """Make a submission of each result; all are replayed first, and nothing is written if one is refused.
-
-    Returns
-    -------
-    list of Path
-        The folders: ``submissions``/<name>/<scenario>. What was there is replaced.
-
-    Raises
-    ------
-    SubmissionError
-        When a result cannot be submitted, or what is said of it.
-    """
-    told = {"name": name, "authors": tuple(authors), "link": link, "training": training, "hardware": hardware or this_machine()}
-    submissions.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=".new-", dir=submissions) as staging:
-        made = [_write(result, told, Path(staging)) for result in results]
-        for new in made:
-            check(load_submission(new))
-            on_checked(new)
-        folders = [submissions / new.relative_to(staging) for new in made]
-        for agent in {folder.parent for folder in folders}:
-            _check_owner(agent, told)
-        for new, folder in zip(made, folders, strict=True):
-            folder.parent.mkdir(exist_ok=True)
-            if folder.exists():
-                folder.replace(new.with_name(f"{new.name}.old"))
-            new.replace(folder)
-    return folders
-
-
-def _check_owner(folder: Path, told: Mapping[str, Any]) -> None:
-    """Refuse to add to, or to replace, what somebody else has handed in under a name that is filed alike."""
-    for path in sorted(folder.glob(f"*/{MANIFEST}")):
-        try:
-            there = load_submission(path.parent).manifest
-        except SubmissionError:
-            continue  # a damaged one may be replaced
-        if (there.name, there.authors) != (told["name"], told["authors"]):
-            by = f"{there.name} by {', '.join(there.authors)}"
-            raise SubmissionError(f"name: {folder} is {by}: choose another name, or delete it first")
-
-
-def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
-    """Write the submission of a result; return its folder."""
-    try:
-        manifest = Manifest.model_validate({**told, "result": result.summary})
-    except ValidationError as error:
-        raise SubmissionError(_first(error)) from None
-    folder = submissions / manifest.folder / _shipped(result.summary)
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:
-        raise SubmissionError(f"{result.folder}: two results on {folder.name}: a submission has one a scenario") from None
-    for file in ("episodes.csv", "actions.npz"):
-        shutil.copyfile(result.folder / file, folder / file)
-    (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json")), encoding="utf-8")
-    return folder
-
-
 def _check_files(folder: Path) -> None:
     """Refuse a folder with other files than a submission's, or such that are no plain files or too large."""
+    if folder.name.startswith("."):
+        raise SubmissionError("is hidden, as what a submit leaves that is killed: delete it")
     if folder.is_symlink() or not folder.is_dir():
         raise SubmissionError("is no folder, or a link")
     if not any(folder.iterdir()):
         raise SubmissionError("holds nothing")
     for path in folder.iterdir():
-        if path.name not in _LARGEST:
+        if path.name not in LARGEST:
             raise SubmissionError(f"{path.name!r} does not belong to a submission")
-    for name, largest in _LARGEST.items():
+    for name, largest in LARGEST.items():
         path = folder / name
         if path.is_symlink() or not path.is_file():
             raise SubmissionError(f"{name}: missing, or not a plain file")
@@ -269,8 +202,14 @@ def _check_files(folder: Path) -> None:
             raise SubmissionError(f"{name}: larger than {largest:,} bytes")
 
 
-def _shipped(summary: Mapping[str, Any]) -> str:
-    """Return the id of a summary's scenario, if it comes with the suite."""
+def shipped(summary: Mapping[str, Any]) -> str:
+    """Return the id of a summary's scenario, if it comes with the suite.
+
+    Raises
+    ------
+    SubmissionError
+        When it does not.
+    """
     name = summary["scenario"]
     if name not in scenario_paths() or "scenario_file" in summary:
         raise SubmissionError(f"result.scenario: {name!r} does not come with uavbench: others cannot replay it")
@@ -281,16 +220,7 @@ def _label(folder: Path) -> str:
     return f"{folder.parent.name}/{folder.name}"
 
 
-def _first(error: ValidationError) -> str:
+def first_error(error: ValidationError) -> str:
     """Return the first thing that is wrong, with its field."""
     first = error.errors()[0]
     return f"{'.'.join(map(str, first['loc']))}: {first['msg'].removeprefix('Value error, ')}"
-
-
-def this_machine() -> str:
-    """Return a line about this machine's processor."""
-    try:
-        names = re.findall(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
-    except OSError:
-        names = []
-    return f"{os.cpu_count()} × {names[0] if names else platform.processor() or platform.machine()}"

@@ -11,7 +11,7 @@ from uavbench.metrics import METRICS, Interval
 COLUMNS = (
     *("scenario", "track", "rank", "name", "authors", "link", "training", "tier", "rerun_episodes", "episodes"),
     *(f"{name}{part}" for name in METRICS for part in ("", "_low", "_high")),
-    *("iqm", "steps", "decisions_per_second", "gap_to_best_known", "gap_to_bound"),
+    *("iqm", "steps", "decisions_per_second", "gap_to_best_known", "gap_to_bound", "compared", "bounded"),
 )
 
 
@@ -28,7 +28,7 @@ def table_text(rows: Sequence[Row]) -> str:
                 *(row.tier, row.rerun_episodes, row.episodes),
                 *(cell for name in METRICS for cell in _cells(getattr(row, name))),
                 *(_percent(row.iqm), _number(row.steps, 1), _number(row.decisions_per_second, 0)),
-                *(_percent(row.gap_to_best), _percent(row.gap_to_bound)),
+                *(_percent(row.gap_to_best), _percent(row.gap_to_bound), row.compared, row.bounded),
             ]
         )
     return text.getvalue()

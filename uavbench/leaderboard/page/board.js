@@ -6,6 +6,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
 (() => {
   const find = (id) => document.getElementById(id);
   const percent = (value) => (value === null ? "" : value.toFixed(1));
+  const gap = (value, known, of) => percent(value) + (value !== null && known < of ? ` (${known.toLocaleString("en")})` : "");
   const count = (value) => (value === null ? "" : value.toLocaleString("en", { maximumFractionDigits: value < 10 ? 1 : 0 }));
   const score = (interval) => interval[0];
   const COLUMNS = [
@@ -15,8 +16,8 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     { name: "cr", title: "CR %", value: (row) => score(row.cr), show: (row) => bar(row.cr) },
     { name: "landed", title: "Landed %", value: (row) => score(row.landed), show: (row) => bar(row.landed) },
     { name: "iqm", title: "IQM %", value: (row) => row.iqm, show: (row) => percent(row.iqm) },
-    { name: "best", title: "Gap to best", value: (row) => row.gap_to_best, show: (row) => percent(row.gap_to_best), first: "ascending" },
-    { name: "bound", title: "Gap to bound", value: (row) => row.gap_to_bound, show: (row) => percent(row.gap_to_bound), first: "ascending" },
+    { name: "best", title: "Gap to best", value: (row) => row.gap_to_best, show: (row) => gap(row.gap_to_best, row.compared, row.episodes), first: "ascending" },
+    { name: "bound", title: "Gap to bound", value: (row) => row.gap_to_bound, show: (row) => gap(row.gap_to_bound, row.bounded, row.episodes), first: "ascending" },
     { name: "steps", title: "Steps", value: (row) => row.steps, show: (row) => percent(row.steps) },
     { name: "speed", title: "Decisions/s", value: (row) => row.decisions_per_second, show: (row) => count(row.decisions_per_second) },
   ];

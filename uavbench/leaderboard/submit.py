@@ -1,0 +1,138 @@
+"""Handing in: results become submissions in ``submissions/<name>/<scenario>/``, all or none of them."""
+
+import os
+import platform
+import re
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import tomli_w
+from pydantic import ValidationError
+
+from uavbench.files import replace_folder
+from uavbench.leaderboard.submission import (
+    LARGEST,
+    MANIFEST,
+    Manifest,
+    SubmissionError,
+    check,
+    first_error,
+    load_submission,
+    shipped,
+)
+from uavbench.results import Result
+
+
+def submit(
+    results: Sequence[Result],
+    submissions: Path,
+    *,
+    name: str,
+    authors: Sequence[str],
+    link: str = "",
+    training: str = "",
+    hardware: str = "",
+    on_checked: Callable[[Path], None] = lambda folder: None,
+) -> list[Path]:
+    """Make a submission of each result; all are replayed first, and nothing is written if one is refused.
+
+    Returns
+    -------
+    list of Path
+        The folders: ``submissions``/<name>/<scenario>. What was there is replaced.
+
+    Raises
+    ------
+    SubmissionError
+        When a result cannot be submitted, or what is said of it.
+    """
+    if not results:
+        raise SubmissionError("no results: give folders that uavbench evaluate wrote")
+    told = {"name": name, "authors": tuple(authors), "link": link, "training": training, "hardware": hardware or this_machine()}
+    try:
+        submissions.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=".new-", dir=submissions) as staging:
+            made = [_write(result, told, Path(staging)) for result in results]
+            loaded = [load_submission(new) for new in made]
+            for submission in loaded:
+                check(submission)
+                on_checked(submission.folder)
+            folders = [submissions / new.relative_to(staging) for new in made]
+            _check_hand([submission.manifest for submission in loaded], folders)
+            for new, folder in zip(made, folders, strict=True):
+                folder.parent.mkdir(exist_ok=True)
+                replace_folder(new, folder)
+    except OSError as error:
+        raise SubmissionError(f"{error.filename or submissions}: {error.strerror or error}") from None
+    return folders
+
+
+def _check_hand(made: Sequence[Manifest], folders: Sequence[Path]) -> None:
+    """Refuse to add to, or to replace, what somebody else has handed in under a name that is filed alike.
+
+    What is there and stays must say the same as what is new; a damaged one may be replaced by whom it says that it is of.
+    """
+    new = made[0]
+    for other in made[1:]:
+        if other.hand != new.hand:
+            tracks = f"{new.result.agent} has {new.result.track}, {other.result.agent} {other.result.track}"
+            raise SubmissionError(f"track: {tracks}: a name has one")
+    for there in sorted(folders[0].parent.glob("[!.]*")):
+        said = _said(there)
+        if said is None:
+            continue
+        if (said.get("name"), said.get("authors")) != (new.name, list(new.authors)):
+            by = f"{said.get('name')} by {_names(said.get('authors'))}"
+            raise SubmissionError(f"name: {there.parent} is {by}: choose another name, or delete it first")
+        result = said.get("result")
+        track = cast("dict[str, Any]", result).get("track") if isinstance(result, dict) else None
+        if there not in folders and (said.get("link", ""), track) != (new.link, new.result.track):
+            told = f"{said.get('link') or 'none'} and track {track}"
+            raise SubmissionError(f"link: {there} has {told}: say the same, or submit its result again too")
+    for folder in folders:
+        strange = sorted({path.name for path in folder.glob("*")} - set(LARGEST))
+        if strange:
+            raise SubmissionError(f"{folder}: holds {strange[0]!r}, which is of no submission: move it away first")
+
+
+def _names(authors: object) -> str:
+    return ", ".join(map(str, cast("list[object]", authors))) if isinstance(authors, list) else str(authors)
+
+
+def _said(folder: Path) -> dict[str, Any] | None:
+    """Return what the manifest in a folder says, whatever its version; None where none can be read."""
+    try:
+        return tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
+
+
+def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
+    """Write the submission of a result; return its folder."""
+    shipped(result.summary)
+    try:
+        manifest = Manifest.model_validate({**told, "result": result.summary})
+    except ValidationError as error:
+        raise SubmissionError(first_error(error)) from None
+    folder = submissions / manifest.folder / shipped(result.summary)
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise SubmissionError(f"{result.folder}: two results on {folder.name}: a submission has one a scenario") from None
+    for file in ("episodes.csv", "actions.npz"):
+        shutil.copyfile(result.folder / file, folder / file)
+    (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json")), encoding="utf-8")
+    return folder
+
+
+def this_machine() -> str:
+    """Return a line about this machine's processor."""
+    try:
+        names = re.findall(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
+    except OSError:
+        names = []
+    return f"{os.cpu_count()} × {names[0] if names else platform.processor() or platform.machine()}"
