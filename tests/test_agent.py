@@ -70,6 +70,35 @@ def test_what_does_not_keep_the_contract_is_refused(name, message):
         find_agent(f"{AGENTS}{name}").load()
 
 
+@pytest.mark.parametrize(
+    ("signature", "weights", "message"),
+    [
+        ("self", None, r"Agent\(\) is not made of \(scenario\); write __init__\(self, scenario\)"),
+        ("self, scenario, weights", None, "weights are given by --weights FILE"),
+        ("self, scenario", "w", r"mine\.py takes no weights"),
+    ],
+)
+def test_a_class_that_is_made_otherwise_is_refused(tmp_path, signature, weights, message):
+    path = tmp_path / "mine.py"
+    path.write_text(f"class Agent:\n    def __init__({signature}): pass\n    def act(self, o, i): return 4\n")
+    if weights:
+        weights = tmp_path / weights
+        weights.write_bytes(b"")
+    with pytest.raises(AgentLoadError, match=message):
+        find_agent(str(path), weights).load()
+
+
+def test_an_agent_declines_what_it_says_it_does_not_fly(tmp_path):
+    """By its own word: a mistake in it is none."""
+    path = tmp_path / "mine.py"
+    text = "class Agent:\n    def __init__(self, s):\n        LINE\n    def act(self, o, i): return 4\n"
+    scenario = load_scenario("Block8-CPP-v0")
+    for line, reason in {"raise ValueError('not this')": "not this", "int('x')": None, "raise KeyError('x')": None}.items():
+        path.write_text(text.replace("LINE", line))
+        assert find_agent(str(path)).declines(scenario) == reason
+    assert find_agent("greedy").declines(scenario) is None
+
+
 def test_a_file_that_does_not_import_is_refused(tmp_path):
     path = tmp_path / "broken.py"
     path.write_text("import nothing_of_this_name\n")

@@ -81,6 +81,10 @@ def test_help_has_examples_for_every_command(call):
     ("words", "message"),
     [
         (["show", "Manhatan32-CPP-v0"], "did you mean Manhattan32-CPP-v0?"),
+        (["show", "manhattan32-cpp-v0"], "did you mean Manhattan32-CPP-v0?"),
+        (["freeze", "Block8-CPP-v0"], "splits.validation.file: frozen already"),
+        (["evaluate", "--agent", "greedy", "--weights", __file__], "greedy"),
+        (["train", "nowhere.py"], "agent nowhere.py: there is no file"),
         (
             ["evaluate", "--agent", "gredy"],
             "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp",
@@ -129,6 +133,48 @@ def test_a_failing_agent_is_exit_status_1_and_its_episodes_are_kept(call, name, 
     assert code == 1
     assert text.count("\n") == 1
     assert message in text
+
+
+@pytest.mark.parametrize(
+    ("agent", "scenario", "message"),
+    [("tsp", "Block8-CPP-v0", "tsp on Block8-CPP-v0: tsp"), ("boustrophedon", "Block8-DH-v0", "CPP")],
+)
+def test_what_an_agent_does_not_fly_it_says_itself(call, agent, scenario, message):
+    """In a line: there is nothing to trace, and nothing that --resume could go on with."""
+    code, text = call("evaluate", "--agent", agent, "--scenario", scenario)
+    assert code == 1
+    assert message in text
+    assert not {"Traceback", "--resume"} & set(text.split())
+
+
+def test_all_are_all_that_an_agent_flies(call, monkeypatch):
+    monkeypatch.setattr("uavbench.run.scenario_paths", lambda: ["Block8-CPP-v0", "Block8-DH-v0"])
+    code, text = call("evaluate", "--agent", "tsp", "--scenario", "all", "--episodes", 3)
+    assert code == 0, text
+    assert "Block8-CPP-v0: left out: tsp" in text
+    assert [path.name for path in Path("results").iterdir()] == ["Block8-DH-v0"]
+
+
+def test_a_terminal_without_all_letters_shows_question_marks():
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    words = [sys.executable, "-m", "uavbench", "list"]
+    found = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert "32?32" in found.stdout
+
+
+def test_the_package_is_a_command():
+    found = subprocess.run([sys.executable, "-m", "uavbench", "--version"], capture_output=True, text=True, check=True)
+    assert found.stdout.startswith("uavbench ")
+
+
+def test_submissions_are_compared_and_replayed_too(call):
+    made = Path(__file__).parents[1] / "leaderboard" / "submissions"
+    greedy, random = made / "greedy" / "Block8-CPP-v0", made / "random" / "Block8-CPP-v0"
+    code, text = call("compare", greedy, random)
+    assert code == 0, text
+    assert re.search(r"CRAL.*\+\d\d\.\d.*\[\+", text)
+    code, text = call("replay", random)
+    assert (code, "all 1000 episodes reproduced" in text) == (0, True), text
 
 
 def test_a_timeout_is_exit_status_1(call):
@@ -190,7 +236,7 @@ def test_ctrl_c_keeps_what_was_finished(tmp_path, workers, act):
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors
-    assert "interrupted; finished episodes are kept" in errors
+    assert "interrupted\nfinished episodes are kept" in errors
     kept = unpack_arrays((tmp_path / "Block8-CPP-v0" / "slow.partial" / "records.npz").read_bytes())
     assert len(kept["episode"]) >= 50
 

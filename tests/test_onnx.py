@@ -45,6 +45,16 @@ def test_a_model_acts_as_the_network_it_is_of(weights, tmp_path):
         assert np.array_equal(record.actions, onnx_records[number].actions)
 
 
+def test_a_model_says_on_what_it_was_trained(weights, tmp_path):
+    model = tmp_path / "model.onnx"
+    assert CliRunner().invoke(app, ["export", str(weights), str(model)]).exit_code == 0
+    assert find_agent(str(model)).trained_on == CPP.id
+    with pytest.raises(AgentError, match="another mission than that of Block8-DH-v0"):
+        fly(model, load_scenario("Block8-DH-v0"))
+    told = CliRunner().invoke(app, ["export", str(model), str(tmp_path / "again.onnx")])
+    assert (told.exit_code, "is an ONNX model already" in told.output) == (2, True), told.output
+
+
 def model_of(path, inputs, width=6, batch="batch", factor=1.0):
     """Write a model that sums up its inputs."""
     from onnx import TensorProto, helper, numpy_helper

@@ -2,6 +2,7 @@
 
 import os
 import re
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -205,6 +206,18 @@ def test_after_the_last_episode_comes_the_first():
     window = Keys(["n", "q"])
     play(load_scenario("Block8-CPP-v0"), "test", 999, window=window)
     assert window.titles == ["Block8-CPP-v0 test 999", "Block8-CPP-v0 test 0", "closed"]
+
+
+def test_ctrl_c_ends_the_game():
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a job in the background ignores it
+    code = f"{heard}; from uavbench.cli import app; from uavbench.window import Window; show = Window.show\n"
+    code += "Window.show = lambda *a: (show(*a), print('shown', flush=True))\napp(['play', 'Block8-DH-v0'])"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().strip().endswith("shown")
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=30)
+    assert (process.returncode, "Traceback" in errors) == (1, False), errors
 
 
 @pytest.mark.parametrize("driver", ["", "x11"])

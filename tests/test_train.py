@@ -160,6 +160,45 @@ def test_weights_of_a_learner_of_ones_own_fly_with_its_code(tmp_path):
         train(Training(found, CPP, "tiny", TINY, 0), tmp_path / "again")
 
 
+def test_weights_of_ones_own_are_refused_on_another_mission_too(tmp_path):
+    """Though the agent does not look."""
+    mine = tmp_path / "mine.py"
+    mine.write_text("class Agent:\n    def __init__(self, s, w): pass\n    def act(self, o, i): return 4\n")
+    weights = tmp_path / "w.safetensors"
+    save_weights(weights, {"a": np.zeros(1)}, {"agent": "mine", "scenario": CPP.id})
+    assert find_agent(str(mine), weights).trained_on == CPP.id
+    find_agent(str(mine), weights).make(CPP)
+    with pytest.raises(WeightsError, match="another mission than that of Block8-DH-v0"):
+        find_agent(str(mine), weights).make(DH)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("validation: int", "validating: int", "CONFIGS: tiny: it has no field validation"),
+        ("def snapshot", "def snap", "Learner: it has no snapshot"),
+    ],
+)
+def test_a_learner_that_lacks_something_is_refused_at_once(tmp_path, old, new, reason):
+    mine = tmp_path / "mine.py"
+    text = (
+        "from dataclasses import dataclass\n"
+        "@dataclass(frozen=True)\nclass Config:\n    updates: int = 2\n    validation: int = 1\n"
+        "CONFIGS = {'tiny': Config()}\n"
+        "class Agent:\n    def __init__(self, s, w): pass\n    def act(self, o, i): return 4\n"
+        "class Learner:\n    updates = samples = 0\n    def __init__(self, scenario, config, seed): pass\n"
+        "    def advance(self): self.updates += 1; return {}\n    def weights(self): return {}\n"
+        "    def snapshot(self): return {}\n    def resume(self, arrays): pass\n"
+    )
+    assert old in text
+    mine.write_text(text)
+    words = ["train", str(mine), "--config", "tiny", "--scenario", CPP.id, "--out", str(tmp_path / "runs")]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    mine.write_text(text.replace(old, new))
+    told = CliRunner().invoke(app, [*words, "--seed", "1"])
+    assert (told.exit_code, reason in told.output) == (2, True), told.output
+
+
 @pytest.mark.parametrize(
     ("words", "reason"),
     [

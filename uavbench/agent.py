@@ -7,6 +7,7 @@ import hashlib
 import importlib.util
 import inspect
 import sys
+import traceback
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any, Literal
 
 from uavbench import resources
 from uavbench.scenario import Scenario
+from uavbench.weights import WeightsError, check_trained, load_weights, trained_on
 
 Track = Literal["observation", "state"]
 TRACKS: tuple[Track, ...] = ("observation", "state")
@@ -83,11 +85,10 @@ class AgentSource:
     @cached_property
     def trained_on(self) -> str:
         """The id of the scenario that the weights were trained on; where that is not known, the suite's first."""
-        if self.weights is None or self.path == _ONNX:
+        if self.weights is None:
             return FIRST_SCENARIO
-        from uavbench.weights import load_weights
-
-        return str(load_weights(self.weights)[1].get("scenario", FIRST_SCENARIO))
+        found = self.load().trained_on(self.weights) if self.path == _ONNX else trained_on(self.weights)
+        return found or FIRST_SCENARIO
 
     @property
     def track(self) -> Track:
@@ -139,6 +140,7 @@ class AgentSource:
         track = getattr(found, "track", "observation")
         if track not in TRACKS:
             raise AgentLoadError(f"{self.path}: {self.class_name}.track is {track!r}; use 'observation' or 'state'")
+        self._check_signature(found)
         if callable(getattr(found, "act_team", None)) and track != "state":
             raise AgentLoadError(
                 f"{self.path}: {self.class_name}.act_team decides by all that the team sees: set track = 'state', or "
@@ -146,9 +148,55 @@ class AgentSource:
             )
         return found
 
+    def _check_signature(self, found: Any) -> None:
+        """Refuse a class that cannot be made of a scenario and, where there are, weights."""
+        given: tuple[Any, ...] = (None, None) if self.weights else (None,)
+        try:
+            signature = inspect.signature(found)
+        except (TypeError, ValueError):  # of a class that is not written in Python
+            return
+        try:
+            signature.bind(*given)
+        except TypeError:
+            wanted = "(scenario, weights)" if self.weights else "(scenario)"
+            hint = f"{self.class_name}{signature} is not made of {wanted}"
+            if self.weights:
+                hint += f": {self.name if self.built_in else self.path.name} takes no weights"
+            elif len(signature.parameters) > 1:
+                hint += ": weights are given by --weights FILE"
+            raise AgentLoadError(f"{self.path}: {hint}; write __init__(self, {wanted[1:]}") from None
+
     def make(self, scenario: Scenario) -> Any:
-        """Return a new agent for ``scenario``; what its ``__init__`` raises passes through."""
-        return self.load()(scenario, self.weights) if self.weights else self.load()(scenario)
+        """Return a new agent for ``scenario``; what its ``__init__`` raises passes through.
+
+        Raises
+        ------
+        WeightsError
+            When the weights are damaged, or were trained on another map or mission.
+        """
+        if self.weights is None:
+            return self.load()(scenario)
+        if self.weights.suffix == ".safetensors":
+            check_trained(self.weights, trained_on(self.weights), scenario)
+        return self.load()(scenario, self.weights)
+
+    def meant(self, error: Exception) -> bool:
+        """Say whether the agent itself raised an error, to say what it needs: the user has no use for a traceback then."""
+        if isinstance(error, WeightsError):
+            return True
+        frames = traceback.extract_tb(error.__traceback__)
+        own = bool(frames) and Path(frames[-1].filename).resolve() == self.path.resolve()
+        return isinstance(error, ValueError | ImportError) and own and (frames[-1].line or "").startswith("raise ")
+
+    def declines(self, scenario: Scenario) -> str | None:
+        """Return why the agent does not fly ``scenario``, by its own word; None where it does, or fails to be made."""
+        try:
+            self.make(scenario)
+        except ValueError as error:
+            return str(error) if self.meant(error) else None
+        except Exception:  # which flying it will tell
+            return None
+        return None
 
 
 _MODULES: dict[tuple[Path, str], ModuleType] = {}
@@ -187,7 +235,7 @@ def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
     if weights is not None:
         source, weights = find_agent(spec), weights.expanduser()
         if source.weights is not None:
-            raise AgentLoadError(f"--agent {spec}: these are weights themselves: leave --weights out")
+            raise AgentLoadError(f"agent {spec}: these are weights themselves: leave --weights out")
         if not weights.is_file():
             raise AgentLoadError(f"--weights {weights}: there is no such file")
         return replace(source, weights=weights)
@@ -199,7 +247,7 @@ def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
     if spec.endswith(".onnx"):
         model = Path(spec).expanduser()
         if not model.is_file():
-            raise AgentLoadError(f"--agent {spec}: there is no file {model}")
+            raise AgentLoadError(f"agent {spec}: there is no file {model}")
         return AgentSource(_ONNX, weights=model)
     name, _, class_name = spec.partition(".py:")
     if class_name:
@@ -207,26 +255,26 @@ def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
     path = Path(name).expanduser()
     if not name.endswith(".py"):
         raise AgentLoadError(
-            f"--agent {spec}: neither a .py, .onnx or .safetensors file nor a built-in; built in are {', '.join(built_in)}"
+            f"agent {spec}: neither a .py, .onnx or .safetensors file nor a built-in; built in are {', '.join(built_in)}"
         )
     if not path.is_file():
-        raise AgentLoadError(f"--agent {spec}: there is no file {path}")
+        raise AgentLoadError(f"agent {spec}: there is no file {path}")
     return AgentSource(path, class_name or "Agent")
 
 
 def _trained(weights: Path, built_in: dict[str, Path]) -> AgentSource:
     """Return the built-in agent that weights are of."""
-    from uavbench.weights import WeightsError, load_weights
-
     try:
         record = load_weights(weights)[1]
-    except (WeightsError, ImportError) as error:
-        raise AgentLoadError(f"--agent {error}") from None
+    except WeightsError as error:
+        raise AgentLoadError(f"agent {error}") from None
+    except ImportError:
+        raise AgentLoadError(f"agent {weights}: needs safetensors: pip install 'uavbench[ddqn]'") from None
     agent = record.get("agent")
     if record.get("built_in") is False:
-        raise AgentLoadError(f"--agent {weights}: weights of your own {agent}: --agent {agent}.py --weights {weights}")
+        raise AgentLoadError(f"agent {weights}: weights of your own {agent}: --agent {agent}.py --weights {weights}")
     if agent not in built_in:
-        raise AgentLoadError(f"--agent {weights}: weights of {agent}, which is not built in")
+        raise AgentLoadError(f"agent {weights}: weights of {agent}, which is not built in")
     return AgentSource(built_in[agent], weights=weights)
 
 

@@ -1,5 +1,7 @@
 """The commands. No logic is in them: each loads, calls one function of the library, and prints."""
 
+import io
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -33,6 +35,9 @@ def main(
     ] = False,
 ) -> None:
     """Benchmark suite for UAV path planning: coverage (CPP) and data harvesting (DH) on grid cities."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without "×" shows "?" rather than a traceback
 
 
 @app.command("list", epilog="\b\nExample:\n  uavbench list")
@@ -145,7 +150,8 @@ def evaluate(
 
     console = Console()
     try:
-        planned = jobs(find_agent(agent, weights), scenario, split, episodes, decision_timeout)
+        source = find_agent(agent, weights)
+        planned = jobs(source, scenario, split, episodes, decision_timeout, lambda reason: typer.echo(reason, err=True))
         for job, count in planned:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
                 result = run(
@@ -171,11 +177,10 @@ def evaluate(
     except (AgentLoadError, ScenarioError, ResultError) as error:
         raise fail(error) from None
     except AgentError as error:
-        raise fail(
-            f"{error}\nfinished episodes are kept in {out}; --resume goes on, if the agent's file is unchanged", 1
-        ) from None
-    except KeyboardInterrupt:
-        raise fail(f"interrupted; finished episodes are kept in {out}; --resume goes on", 1) from None
+        raise fail(error, 1) from None
+    except KeyboardInterrupt as error:
+        error.args = ("interrupted",)
+        raise fail(error, 1) from None
 
 
 @app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")

@@ -29,7 +29,6 @@ from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
 from uavbench.state_view import StateView
-from uavbench.weights import WeightsError
 
 DEFAULT_BATCH = 250
 #: In records, in place of an action: the UAV flies no more, or the episode has fewer.
@@ -345,9 +344,9 @@ def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> A
             set_alarm(None)
     except TimeUpError:
         raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
-    except WeightsError as error:  # says what is wrong, and where
-        raise _complaint(job, where, str(error)) from None
     except (Exception, SystemExit) as error:
+        if isinstance(error, Exception) and job.source.meant(error):
+            raise _complaint(job, where, str(error)) from None
         raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
     if limit is not None and time.perf_counter() - started > limit:
         raise _complaint(job, where, f"{call} took {time.perf_counter() - started:.1f} s, longer than {limit:g} s")
@@ -361,7 +360,7 @@ def _trace() -> str:
     skip = False
     for line in text:
         if line.startswith("  File "):
-            skip = __file__ in line
+            skip = __file__ in line or alarm.__code__.co_filename in line
         elif not line.startswith("    "):
             skip = False
         if not skip:

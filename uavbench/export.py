@@ -9,6 +9,7 @@ from typing import Any
 from uavbench.agent import AgentSource
 from uavbench.files import write_whole
 from uavbench.observation import Observer
+from uavbench.onnx_agent import TRAINED_ON
 from uavbench.scenario import Scenario
 
 
@@ -35,6 +36,8 @@ def export(source: AgentSource, scenario: Scenario, path: Path) -> None:
     """
     if path.suffix != ".onnx":
         raise ExportError(f"{path}: the name of an ONNX model ends in .onnx")
+    if source.weights and source.weights.suffix == ".onnx":
+        raise ExportError(f"{source.weights}: is an ONNX model already")
     try:
         torch: Any = importlib.import_module("torch")
         importlib.import_module("onnxscript")
@@ -68,4 +71,6 @@ def export(source: AgentSource, scenario: Scenario, path: Path) -> None:
             dynamo=True,
             verbose=False,
         )
-    write_whole(path, program.model_proto.SerializeToString())
+    model = program.model_proto
+    model.metadata_props.add(key=TRAINED_ON, value=scenario.id)
+    write_whole(path, model.SerializeToString())

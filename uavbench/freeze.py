@@ -6,7 +6,7 @@ import numpy as np
 
 from uavbench.episode import Columns, episode_keys, split_size
 from uavbench.files import pack_arrays, write_whole
-from uavbench.scenario import Scenario, SplitName
+from uavbench.scenario import Scenario, ScenarioError, SplitName
 from uavbench.simulator import Simulator
 
 FROZEN_SPLITS: tuple[SplitName, ...] = ("validation", "test")
@@ -28,7 +28,18 @@ def freeze(scenario: Scenario) -> str:
     -------
     str
         The lines that name them, to stand at the end of the scenario's file.
+
+    Raises
+    ------
+    ScenarioError
+        When they are frozen already.
     """
+    for split in FROZEN_SPLITS:
+        if getattr(scenario.splits, split).file is not None:
+            raise ScenarioError(
+                f"{scenario.path}: splits.{split}.file: frozen already, and an id means the same for good; "
+                "for another, change the id and remove the [splits] that name files"
+            )
     lines: list[str] = []
     for split in FROZEN_SPLITS:
         content = pack_arrays(draw(scenario, split))  # uncompressed: compressors differ between machines

@@ -14,6 +14,10 @@ from numpy.typing import NDArray
 from uavbench.city import NUM_ACTIONS
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario
+from uavbench.weights import check_trained
+
+#: The key under which a model says on what it was trained.
+TRAINED_ON = "uavbench.scenario"
 
 
 class Agent:
@@ -36,15 +40,8 @@ class Agent:
     track = "observation"
 
     def __init__(self, scenario: Scenario, weights: Path) -> None:
-        try:
-            runtime: Any = importlib.import_module("onnxruntime")
-        except ImportError as error:
-            raise ImportError(f"{weights}: needs ONNX Runtime: pip install 'uavbench[onnx]'") from error
-        try:
-            # from its bytes: a model whose weights are in other files is refused, since a digest would not cover them
-            self._session: Any = runtime.InferenceSession(weights.read_bytes(), providers=["CPUExecutionProvider"])
-        except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
-            raise ValueError(f"{weights}: not a model that ONNX Runtime takes: {error}") from None
+        self._session = _session(weights)
+        check_trained(weights, self._session.get_modelmeta().custom_metadata_map.get(TRAINED_ON), scenario)
         shown = Observer(scenario).empty(1)
         self._inputs: list[str] = []
         self._file, single = weights, False
@@ -70,6 +67,14 @@ class Agent:
         if values.shape != (1, NUM_ACTIONS):
             raise ValueError(f"{weights}: its output has shape {values.shape} for one observation, expected (1, {NUM_ACTIONS})")
 
+    @staticmethod
+    def trained_on(model: Path) -> str | None:
+        """Return the id of the scenario that a model was trained on, where it says so and can be read."""
+        try:
+            return _session(model).get_modelmeta().custom_metadata_map.get(TRAINED_ON)
+        except (ImportError, ValueError):  # which making the agent tells
+            return None
+
     def act_batch(self, observations: Observation, infos: list[dict[str, Any]]) -> NDArray[np.int64]:
         """Return the actions with the highest values."""
         size = self._size or len(infos)
@@ -85,3 +90,16 @@ class Agent:
         if not np.isfinite(values).all():
             raise ValueError(f"{self._file}: its values are not finite")
         return values
+
+
+def _session(model: Path) -> Any:
+    """Return ONNX Runtime's session of a model."""
+    try:
+        runtime: Any = importlib.import_module("onnxruntime")
+    except ImportError as error:
+        raise ImportError(f"{model}: needs ONNX Runtime: pip install 'uavbench[onnx]'") from error
+    try:
+        # from its bytes: a model whose weights are in other files is refused, since a digest would not cover them
+        return runtime.InferenceSession(model.read_bytes(), providers=["CPUExecutionProvider"])
+    except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
+        raise ValueError(f"{model}: not a model that ONNX Runtime takes: {error}") from None

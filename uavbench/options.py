@@ -17,19 +17,22 @@ def read_uavs(options: Mapping[str, Any], scenario: Scenario, drawn: int) -> int
     number = options["num_uavs"]
     fewest, most = scenario.uavs or (1, 1)
     if not _integer(number) or not fewest <= number <= most:
-        raise ValueError(f"num_uavs: {number!r} is not an integer from {fewest} to {most}, the UAVs of {scenario.id}")
+        wanted = f"an integer from {fewest} to {most}, the UAVs of {scenario.id}" if fewest < most else f"{most}"
+        raise ValueError(f"num_uavs: {number!r} is not {wanted}")
     return int(number)
 
 
 def read_start(value: Any, scenario: Scenario, city: City, uavs: int) -> NDArray[np.int32]:
     """Return start cells, shape (uavs, 2), from [row, column], or in a team a list of one for each UAV."""
-    expected = f"a list of {uavs} cells [row, column], one for each UAV" if scenario.team else "a cell [row, column]"
+    expected = "a cell [row, column] of two integers"
+    if scenario.team:
+        expected = f"a list of {uavs} cells [row, column] of two integers, one for each UAV"
     try:
         cells = np.asarray(value)
     except ValueError:
-        raise ValueError(f"start: {value!r} is not {expected} of two integers") from None
+        raise ValueError(f"start: {value!r} is not {expected}") from None
     if cells.shape != ((uavs, 2) if scenario.team else (2,)) or cells.dtype.kind not in "iu":
-        raise ValueError(f"start: {value!r} is not {expected} of two integers")
+        raise ValueError(f"start: {value!r} is not {expected}")
     rows, cols = city.shape
     cells = cells.reshape(uavs, 2)
     for r, c in cells.tolist():

@@ -17,7 +17,7 @@ import numpy as np
 
 from uavbench.agent import AgentSource
 from uavbench.episode import check_split, split_size
-from uavbench.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.evaluate import AgentError, EpisodeRecord, Job, evaluate
 from uavbench.files import pack_arrays, unpack_arrays, write_whole
 from uavbench.resources import scenario_paths
 from uavbench.results import Result, ResultError, identity, load_result, publish
@@ -28,11 +28,17 @@ _TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
 
 
 def jobs(
-    source: AgentSource, scenarios: Sequence[str] | None, split: str, episodes: int | None, decision_timeout: float | None
+    source: AgentSource,
+    scenarios: Sequence[str] | None,
+    split: str,
+    episodes: int | None,
+    decision_timeout: float | None,
+    on_declined: Callable[[str], None] = lambda reason: None,
 ) -> list[tuple[Job, int]]:
     """Plan evaluations: a job and its number of episodes for each scenario.
 
-    ``"all"`` are all that are shipped; None is what the agent was trained on, or the suite's first.
+    ``"all"`` are all that are shipped but those that the agent declines, of which ``on_declined`` is told; None is what the
+    agent was trained on, or the suite's first.
 
     Raises
     ------
@@ -48,6 +54,10 @@ def jobs(
         raise ResultError(f"--decision-timeout: {decision_timeout:g} s is not above 0")
     for name in dict.fromkeys(names):
         scenario = load_scenario(name)
+        declined = source.declines(scenario) if scenarios and name not in scenarios else None
+        if declined:
+            on_declined(f"{name}: left out: {declined}")
+            continue
         try:
             checked = check_split(split)
         except ValueError as error:
@@ -127,8 +137,11 @@ def run(
                 saved = time.perf_counter()
         wall_time = spent + time.perf_counter() - started
         result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
-    except BaseException:
+    except BaseException as error:
         partial.save(records, spent + time.perf_counter() - started)
+        if records:
+            only = ", if the agent's file is unchanged" if isinstance(error, AgentError) else ""
+            error.add_note(f"finished episodes are kept in {out}; --resume goes on{only}")
         raise
     partial.remove()
     return result

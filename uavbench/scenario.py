@@ -290,8 +290,9 @@ def load_scenario(id_or_path: str | Path) -> Scenario:
         if not path.is_file():
             raise ScenarioError(f"{id_or_path}: there is no such file")
     else:
-        near = difflib.get_close_matches(name, shipped, n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(shipped)};"
+        alike = {each.lower(): each for each in shipped}
+        near = difflib.get_close_matches(name.lower(), alike, n=1, cutoff=0.4)
+        hint = f"did you mean {alike[near[0]]}?" if near else f"known are {', '.join(shipped)};"
         raise ScenarioError(f"{id_or_path}: unknown scenario; {hint} your own is given by the path of its .toml file")
     scenario = _load(path)
     original = shipped.get(scenario.id, path)

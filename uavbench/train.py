@@ -11,12 +11,12 @@ import math
 import platform
 import time
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from uavbench.weights import WeightsError, load_weights, save_weights
 _CHECKPOINT_SECONDS = 180.0
 _PLOT_UPDATES = 100
 _VALIDATION_EPISODES = 200
+#: What a configuration, and a learner, must have.
+_FIELDS = ("updates", "validation")
+_LEARNER = ("updates", "samples", "advance", "weights", "snapshot", "resume")
 
 
 class TrainError(ValueError):
@@ -140,6 +143,10 @@ def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
     configs = getattr(source.module(), "CONFIGS", None)
     if configs is None or not hasattr(source.module(), "Learner"):
         raise TrainError(f"{source.name} cannot be trained: {source.path} has no CONFIGS and Learner")
+    for name, each in configs.items():
+        lacking = [field for field in _FIELDS if not is_dataclass(each) or not hasattr(each, field)]
+        if lacking:
+            raise TrainError(f"{source.path}: CONFIGS: {name}: it has no field {lacking[0]}")
     if config in configs:
         return config, configs[config]
     path = Path(config)
@@ -209,6 +216,9 @@ def train(
         learner = training.source.module().Learner(training.scenario, training.config, training.seed)
     except ValueError as error:
         raise TrainError(f"{training.source.name}: {error}") from None
+    lacking = [name for name in _LEARNER if not hasattr(learner, name)]
+    if lacking:
+        raise TrainError(f"{training.source.path}: Learner: it has no {lacking[0]}")
     if training.start is not None:
         if not hasattr(learner, "start_from"):
             raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
@@ -263,9 +273,8 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
     for left in checkpoint.parent.glob(f".{checkpoint.name}.*"):
         left.unlink()  # of a process that was killed while it wrote
     arrays, record = load_weights(checkpoint)
-    for name, value in training.identity.items():
-        if record.get(name) != value:
-            raise TrainError(f"{checkpoint}: it is of another training: its {name} is {record.get(name)}, not {value}")
+    for name, found, value in _differences(record, training.identity):
+        raise TrainError(f"{checkpoint}: it is of another training: its {name} is {found}, not {value}")
     try:
         learner.resume(arrays)
         again = learner.snapshot()
@@ -276,6 +285,16 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
         reason = (str(error) or repr(error)).splitlines()[0]
         raise WeightsError(f"{checkpoint}: damaged: {reason}; delete it to start over") from None
+
+
+def _differences(found: Mapping[str, Any], expected: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Return what differs in tables of tables: its name with those of the tables it is in, what it is, and should be."""
+    for name, value in expected.items():
+        other: Any = found.get(name)
+        if isinstance(value, Mapping) and isinstance(other, Mapping):
+            yield from _differences(cast("Mapping[str, Any]", other), cast("Mapping[str, Any]", value), f"{prefix}{name}.")
+        elif other != value:
+            yield f"{prefix}{name}", other, value
 
 
 def _validate(training: Training, learner: Any, folder: Path, seconds: float) -> Point:

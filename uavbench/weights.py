@@ -71,8 +71,32 @@ def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
         As `load_weights`, or when they were trained on another map or mission.
     """
     arrays, record = load_weights(path)
-    trained = record.get("scenario")
-    if trained != scenario.id and trained in scenario_paths():
+    check_trained(path, record.get("scenario"), scenario)
+    return arrays
+
+
+def trained_on(path: Path) -> str | None:
+    """Return the id of the scenario that weights were trained on; None where that is not known."""
+    from safetensors import SafetensorError, safe_open
+
+    try:
+        opened: Any = safe_open(path, framework="numpy")
+        with opened as file:
+            about: dict[str, str] = file.metadata() or {}
+            return str(json.loads(about[_RECORD])["scenario"])
+    except (KeyError, OSError, TypeError, ValueError, SafetensorError):  # what is read of them later says why
+        return None
+
+
+def check_trained(path: Path, trained: str | None, scenario: Scenario) -> None:
+    """Refuse weights that were trained on another map or mission.
+
+    Raises
+    ------
+    WeightsError
+        Then.
+    """
+    if trained is not None and trained != scenario.id and trained in scenario_paths():
         other = load_scenario(trained)
         for what, one, two in (
             ("map", other.rows, scenario.rows),
@@ -82,7 +106,6 @@ def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
                 raise WeightsError(
                     f"{path}: trained on {trained}, another {what} than that of {scenario.id}: --scenario {trained}"
                 )
-    return arrays
 
 
 def weights_path(agent: str, scenario: Scenario) -> Path:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_PATIENCE = 100  # milliseconds
 _REPEAT = (300, 80)  # milliseconds until a key that is held down is heard again, and from then on
 
 
@@ -79,7 +80,7 @@ class Window:
         """Wait for a key and return its name; None when the window was closed."""
         pygame = self._pygame
         while not self.closed:
-            event = pygame.event.wait()
+            event = pygame.event.wait(_PATIENCE)  # then Python hears a Ctrl-C
             if event.type == pygame.QUIT:
                 self.closed = True
             if event.type == pygame.KEYDOWN:

@@ -28,9 +28,10 @@ def submit(
     hardware: Annotated[str, typer.Option(help="On what it was flown; by default this machine.")] = "",
     out: Annotated[Path, typer.Option(help="The folder of submissions.")] = Path("leaderboard/submissions"),
 ) -> None:
-    """Make a submission to the leaderboard of results on all test episodes.
+    """Make a submission to the leaderboard.
 
-    Every action is replayed first. What is written is OUT/<name>/<scenario>: a manifest, the actions and the episodes.
+    The results are of all test episodes, a scenario each. Every action is replayed first. What is written is
+    OUT/<name>/<scenario>: a manifest, the actions and the episodes.
     """
     from rich.console import Console
 
@@ -78,8 +79,13 @@ def verify(folder: _Submissions, workers: _Workers = 1) -> None:
 
 
 @app.command(epilog="\b\nExample:\n  uavbench leaderboard build leaderboard/submissions --workers 2")
-def build(submissions: _Submissions, workers: _Workers = 1) -> None:
-    """Replay all submissions, and write leaderboard.csv and index.html beside their folder.
+def build(
+    submissions: Annotated[Path, typer.Argument(help="The folder of all submissions: <name>/<scenario>.")],
+    workers: _Workers = 1,
+) -> None:
+    """Replay all submissions, and write the table and the page.
+
+    They are leaderboard.csv and index.html beside the submissions' folder.
 
     What is refused is named, with the reason, and the rest is built; the exit status is 1 then.
     """

@@ -36,6 +36,7 @@ def flown(folder: Path) -> "Result":
 
 def fail(error: BaseException | str, code: int = 2) -> typer.Exit:
     """Print what is wrong, and return the exit with ``code``; what a file says cannot steer the terminal."""
-    seen = "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in str(error))
+    lines = "\n".join([str(error), *getattr(error, "__notes__", ())])
+    seen = "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in lines)
     print(f"uavbench: {seen}", file=sys.stderr)  # noqa: T201
     return typer.Exit(code)
