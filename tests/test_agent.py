@@ -6,6 +6,7 @@ import pytest
 
 from uavbench import load_scenario
 from uavbench.agent import AgentLoadError, find_agent
+from uavbench.evaluate import AgentError, Job, evaluate
 from uavbench.resources import baseline_paths
 
 AGENTS = Path(__file__).parent / "agents.py"
@@ -97,6 +98,15 @@ def test_an_agent_declines_what_it_says_it_does_not_fly(tmp_path):
         path.write_text(text.replace("LINE", line))
         assert find_agent(str(path)).declines(scenario) == reason
     assert find_agent("greedy").declines(scenario) is None
+
+
+def test_a_mistake_while_flying_is_traced(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "class Agent:\n    def __init__(self, s): pass\n    def act(self, o, i):\n        raise ValueError('lost')\n"
+    )
+    with pytest.raises(AgentError, match=r"raised ValueError: lost\nTraceback"):
+        list(evaluate(Job(find_agent(str(path)), load_scenario("Block8-CPP-v0"), "test"), [0]))
 
 
 def test_a_file_that_does_not_import_is_refused(tmp_path):

@@ -83,7 +83,7 @@ def test_help_has_examples_for_every_command(call):
         (["show", "Manhatan32-CPP-v0"], "did you mean Manhattan32-CPP-v0?"),
         (["show", "manhattan32-cpp-v0"], "did you mean Manhattan32-CPP-v0?"),
         (["freeze", "Block8-CPP-v0"], "splits.validation.file: frozen already"),
-        (["evaluate", "--agent", "greedy", "--weights", __file__], "greedy"),
+        (["evaluate", "--agent", "greedy", "--weights", __file__], ": greedy takes no weights"),
         (["train", "nowhere.py"], "agent nowhere.py: there is no file"),
         (
             ["evaluate", "--agent", "gredy"],
@@ -182,6 +182,9 @@ def test_a_timeout_is_exit_status_1(call):
     code, text = call("evaluate", *words)
     assert code == 1
     assert "longer than 1 s" in text
+    assert "alarm.py" not in text
+    code, text = call("check", f"{AGENTS}:Slow", "--scenario", "Block8-DH-v0", "--decision-timeout", 0.5)
+    assert (code, "longer than 0.5 s" in text) == (1, True), text
 
 
 def test_check_names_the_place_in_the_agents_file(call):

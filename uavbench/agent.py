@@ -161,7 +161,7 @@ class AgentSource:
             wanted = "(scenario, weights)" if self.weights else "(scenario)"
             hint = f"{self.class_name}{signature} is not made of {wanted}"
             if self.weights:
-                hint += f": {self.name if self.built_in else self.path.name} takes no weights"
+                hint += f": {self.path.stem if self.built_in else self.path.name} takes no weights"
             elif len(signature.parameters) > 1:
                 hint += ": weights are given by --weights FILE"
             raise AgentLoadError(f"{self.path}: {hint}; write __init__(self, {wanted[1:]}") from None

@@ -1,7 +1,7 @@
 """Does an agent keep the contract? Flown on Block8, twice, in different company."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,15 @@ class Checked:
     cral: dict[str, float]
 
 
-def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS) -> Checked:
+def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS, decision_timeout: float = 60.0) -> Checked:
     """Fly validation episodes with an agent, then the same in another order and batch size.
+
+    Parameters
+    ----------
+    source : AgentSource
+    scenarios : sequence of str
+    decision_timeout : float
+        Seconds that one decision may take.
 
     Raises
     ------
@@ -35,8 +42,9 @@ def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS) -> Ch
     for name in scenarios:
         scenario = load_scenario(name)
         try:
-            first = _fly(Job(source, scenario, "validation", batch_size=_EPISODES), range(_EPISODES))
-            again = _fly(Job(source, scenario, "validation", batch_size=7), range(_EPISODES - 1, -1, -1))
+            job = Job(source, scenario, "validation", decision_timeout, batch_size=_EPISODES)
+            first = _fly(job, range(_EPISODES))
+            again = _fly(replace(job, batch_size=7), range(_EPISODES - 1, -1, -1))
         except AgentError as error:
             raise AgentLoadError(_line(error)) from error
         for number, record in first.items():

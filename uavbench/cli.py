@@ -83,6 +83,7 @@ def check(
     scenario: Annotated[
         list[str] | None, typer.Option(help="Where to fly instead of Block8-CPP-v0 and Block8-DH-v0; repeatable.")
     ] = None,
+    decision_timeout: Annotated[float, typer.Option(min=1e-3, help="Seconds that one decision may take.")] = 60.0,
 ) -> None:
     """Check that an agent keeps the contract.
 
@@ -93,7 +94,7 @@ def check(
     from uavbench.check import SCENARIOS, check_agent
 
     try:
-        checked = check_agent(find_agent(agent), scenario or SCENARIOS)
+        checked = check_agent(find_agent(agent), scenario or SCENARIOS, decision_timeout)
     except (AgentLoadError, ScenarioError) as error:
         raise fail(error, 1) from None
     scores = ", ".join(f"CRAL {100 * cral:.0f} % on {name}" for name, cral in checked.cral.items())

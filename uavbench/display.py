@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from uavbench.leaderboard.ranking import Row
 
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
+_LONGEST_HEAD = 20  # characters of an agent's name in a column's head
 _STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
 
 
@@ -82,9 +83,10 @@ def comparison_table(first: Result, second: Result, comparison: Mapping[str, Com
     a, b = first.summary["agent"], second.summary["agent"]
     if a == b:
         a, b = str(first.folder), str(second.folder)
+    better = a if len(a) <= _LONGEST_HEAD else "first"
     title = f"{a} - {b} on {first.summary['scenario']}, {first.summary['episodes']} paired episodes"
     table = Table(header_style="bold")
-    for column in ("metric", "difference, points", "95 % CI", f"P({escape(a)} better) %", "95 % CI"):
+    for column in ("metric", "difference, points", "95 % CI", f"P({escape(better)} better) %", "95 % CI"):
         table.add_column(column, justify="left" if column == "metric" else "right")
     for name, found in comparison.items():
         table.add_row(
@@ -103,7 +105,7 @@ def gaps_text(gaps: Gaps) -> str:
     for label, gap, count in (("bound", gaps.to_bound, gaps.bounded), ("best known", gaps.to_best, gaps.compared)):
         if gap:
             points = f"{100 * gap.mean:.1f} {_bounds(gap)}"
-            lines.append(f"gap to {label:11}{points} points of CRAL, over {count:,} episodes")
+            lines.append(f"gap to {label:11}{points} points of CRAL, over {_count(count)}")
     if gaps.optimal:
         lines.append(f"proved optimal on {_count(gaps.optimal)}")
     if gaps.better:
@@ -180,9 +182,10 @@ class EpisodesProgress:
         self._count = 0
 
     def show(self, total: int) -> None:
-        """Show the bar: ``total`` episodes begin."""
+        """Show the bar: ``total`` episodes begin, if there are any."""
         self._progress.update(self._task, total=total)
-        self._progress.start()
+        if total:
+            self._progress.start()
 
     def advance(self, value: float) -> None:
         """Count an episode that is done, in which ``value`` came out."""

@@ -345,7 +345,7 @@ def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> A
     except TimeUpError:
         raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
     except (Exception, SystemExit) as error:
-        if isinstance(error, Exception) and job.source.meant(error):
+        if call == "__init__()" and isinstance(error, Exception) and job.source.meant(error):
             raise _complaint(job, where, str(error)) from None
         raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
     if limit is not None and time.perf_counter() - started > limit:
@@ -360,7 +360,7 @@ def _trace() -> str:
     skip = False
     for line in text:
         if line.startswith("  File "):
-            skip = __file__ in line or alarm.__code__.co_filename in line
+            skip = __file__ in line or set_alarm.__code__.co_filename in line
         elif not line.startswith("    "):
             skip = False
         if not skip:

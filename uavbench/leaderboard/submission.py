@@ -33,6 +33,12 @@ def _printable(text: str) -> str:
     return text
 
 
+def _plain(text: str) -> str:
+    if not re.match(r"[A-Za-z0-9][A-Za-z0-9 ._+-]*$", text):
+        raise ValueError(f"{text!r}: begin with a letter or digit, and use only those, spaces and . _ + -")
+    return text
+
+
 _Line = Annotated[str, Field(max_length=200, strict=True), AfterValidator(_printable)]
 _Name = Annotated[_Line, Field(pattern=r"\S")]
 _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", strict=True)]
@@ -91,7 +97,7 @@ class Manifest(Record):
         What ``uavbench evaluate`` wrote.
     """
 
-    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._+-]*$", strict=True)]
+    name: Annotated[str, Field(max_length=40, strict=True), AfterValidator(_plain)]
     authors: Annotated[tuple[_Name, ...], Field(min_length=1, max_length=30)]
     link: _Line = ""
     training: _Line = ""
