@@ -113,12 +113,12 @@ def _said(folder: Path) -> dict[str, Any] | None:
 
 def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
     """Write the submission of a result; return its folder."""
-    shipped(result.summary)
+    scenario = shipped(result.summary)
     try:
         manifest = Manifest.model_validate({**told, "result": result.summary})
     except ValidationError as error:
         raise SubmissionError(first_error(error)) from None
-    folder = submissions / manifest.folder / shipped(result.summary)
+    folder = submissions / manifest.folder / scenario
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
