@@ -221,14 +221,19 @@ def curves(minutes, every, out):
     out.mkdir(parents=True, exist_ok=True)
     table = pd.DataFrame(points, columns=["library", "minutes", "samples", *METRICS])
     table.to_csv(out / "stable_baselines.csv", index=False)
-    figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True, layout="constrained")
-    for axis, (metric, title) in zip(axes, (("landed", "Landed"), ("cral", "CRAL")), strict=True):
+    draw(table, out / "stable_baselines.png")
+
+
+def draw(table, path):
+    """Draw each metric by the minutes of training."""
+    figure, axes = plt.subplots(1, len(METRICS), figsize=(9, 3.2), sharey=True, layout="constrained")
+    for axis, metric, title in zip(axes, METRICS, ("Landed", "CR", "CRAL"), strict=True):
         for library, rows in table.groupby("library", sort=False):
             axis.plot(rows["minutes"], 100 * rows[metric], marker="o", markersize=3, label=library)
         axis.set_xlabel("minutes of training, one core")
         axis.set_title(f"{title}, %", fontsize=9)
-    axes[1].legend()
-    figure.savefig(out / "stable_baselines.png", dpi=120)
+    axes[1].legend(loc="lower right")
+    figure.savefig(path, dpi=120)
 
 
 def main():
