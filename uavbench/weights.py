@@ -77,8 +77,10 @@ def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
 
 def trained_on(path: Path) -> str | None:
     """Return the id of the scenario that weights were trained on; None where that is not known."""
-    from safetensors import SafetensorError, safe_open
-
+    try:
+        from safetensors import SafetensorError, safe_open
+    except ModuleNotFoundError:  # the extra is missing: who loads them says so, if they are to be loaded
+        return None
     try:
         opened: Any = safe_open(path, framework="numpy")
         with opened as file:
