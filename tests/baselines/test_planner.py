@@ -8,6 +8,7 @@ import uavbench
 from uavbench import load_scenario
 from uavbench.agent import find_agent
 from uavbench.envs.parallel_env import UAVParallelEnv
+from uavbench.planning import coverage, harvesting
 from uavbench.state_view import StateView
 
 
@@ -69,6 +70,33 @@ def test_lands_whatever_there_is_to_do(kind, budget):
     else:
         info, _ = fly("planner", scenario(rows, HARVESTING), start=[1, 1], budget=budget, devices=[[4, 3, 5.0]])
     assert info["landed"]
+
+
+@pytest.mark.parametrize("all_can_be_had", [True, False])
+@pytest.mark.parametrize("mission", [COVERAGE, HARVESTING])
+def test_searches_until_everything_is_got(mission, all_can_be_had, monkeypatch):
+    searches = []
+    search = harvesting.search if mission is HARVESTING else coverage.search
+
+    def counted(*arguments, seed, **options):
+        searches.append(seed)
+        return search(*arguments, seed=seed, **options)
+
+    monkeypatch.setattr(harvesting if mission is HARVESTING else coverage, "search", counted)
+    world = scenario(("N....", "NLL..", "N....", ".....", "....."), mission)
+    options = {"start": [1, 1], "budget": 30 if all_can_be_had else 2}
+    if mission is HARVESTING:
+        options["devices"] = [[4, 4, 5.0], [0, 4, 3.0]]
+    else:
+        options["targets"] = np.ones((5, 5), bool)
+    env = UAVParallelEnv(world)
+    agent = find_agent("planner").make(world)
+    agent.changes, agent.searches = 2_000, 4
+    observations, _ = env.reset(seed=0, options=options)
+    info = {"seed": 7, "uav": 0, "state": StateView(env.simulator, 0, 0)}
+    agent.reset(info)
+    agent.act_team(list(observations.values()), [info])
+    assert searches == ([7] if all_can_be_had else [7, 8, 9, 10])
 
 
 @pytest.mark.parametrize("mission", [COVERAGE, HARVESTING])
