@@ -1,7 +1,7 @@
 """Planner: whole flights by simulated annealing, for one UAV or a team; the strongest built-in agent.
 
 CPP: planned once, the best of several searches, then flown. DH: planned on expected rates, and mended at every step from the
-data that are left. A search whose flights get everything is the last. The knobs are the agent's attributes.
+data that are left. It searches only while there is more to get. The knobs are the agent's attributes.
 """
 
 from uavbench.city import HOVER, LAND, OFFSETS
@@ -52,22 +52,27 @@ class Agent:
 
     def _plan(self, states):
         """Search several times for the flights of the whole team, until they get everything, and keep the best."""
-        everything = (states[0].target > 0).sum()
         if self._harvests:
             self._rates = harvesting.expected_rates(self._scenario, states[0].device_cell)
-            everything = states[0].device_data.sum()
         best = self._search(states, self._seed, self.changes)
         for k in range(1, self.searches):
-            if best.value > everything - 1e-6:  # sums of data are rounded
+            if self._is_everything(states, best):
                 break
             best = max(best, self._search(states, self._seed + k, self.changes), key=lambda plan: plan.value)
         self._flights = {state.uav: flight for state, flight in zip(states, best.flights, strict=True)}
 
     def _mend(self, states):
-        """Search on from the flights as they are, with the data as they are."""
+        """Search on from the flights as they are, with the data as they are, unless they get everything."""
         first = [self._flights[state.uav] for state in states]
+        if self._harvests and self._is_everything(states, self._search(states, self._seed, 0, first=first)):
+            return
         plan = self._search(states, self._seed, self.mending_changes, first=first, hot=self.mending_heat)
         self._flights = {state.uav: flight for state, flight in zip(states, plan.flights, strict=True)}
+
+    def _is_everything(self, states, plan):
+        """Say whether a plan gets all that there is."""
+        everything = states[0].device_data.sum() if self._harvests else (states[0].target > 0).sum()
+        return plan.value > everything - 1e-6  # sums of data are rounded
 
     def _search(self, states, seed, changes, **more):
         """Search for flights; each UAV of a team keeps some actions for being in another's way."""

@@ -74,29 +74,33 @@ def test_lands_whatever_there_is_to_do(kind, budget):
 
 @pytest.mark.parametrize("all_can_be_had", [True, False])
 @pytest.mark.parametrize("mission", [COVERAGE, HARVESTING])
-def test_searches_until_everything_is_got(mission, all_can_be_had, monkeypatch):
-    searches = []
-    search = harvesting.search if mission is HARVESTING else coverage.search
+def test_searches_while_there_is_more_to_get(mission, all_can_be_had, monkeypatch):
+    module, searches = harvesting if mission is HARVESTING else coverage, []
+    search = module.search
 
-    def counted(*arguments, seed, **options):
-        searches.append(seed)
-        return search(*arguments, seed=seed, **options)
+    def counted(*arguments, seed, moves, **options):
+        searches.extend([(seed, moves)] if moves else [])  # without moves it only values a flight
+        return search(*arguments, seed=seed, moves=moves, **options)
 
-    monkeypatch.setattr(harvesting if mission is HARVESTING else coverage, "search", counted)
+    monkeypatch.setattr(module, "search", counted)
     world = scenario(("N....", "NLL..", "N....", ".....", "....."), mission)
-    options = {"start": [1, 1], "budget": 30 if all_can_be_had else 2}
+    options = {"start": [1, 1], "budget": 30 if all_can_be_had else 3}
     if mission is HARVESTING:
-        options["devices"] = [[4, 4, 5.0], [0, 4, 3.0]]
+        options["devices"] = [[4, c, 0.01 if all_can_be_had else 20.0] for c in range(3)]
     else:
         options["targets"] = np.ones((5, 5), bool)
     env = UAVParallelEnv(world)
     agent = find_agent("planner").make(world)
-    agent.changes, agent.searches = 2_000, 4
+    agent.changes, agent.searches, agent.mending_changes = 2_000, 4, 300
     observations, _ = env.reset(seed=0, options=options)
     info = {"seed": 7, "uav": 0, "state": StateView(env.simulator, 0, 0)}
     agent.reset(info)
-    agent.act_team(list(observations.values()), [info])
-    assert searches == ([7] if all_can_be_had else [7, 8, 9, 10])
+    for _ in range(2):
+        (name,) = observations
+        observations, *_ = env.step({name: agent.act_team([observations[name]], [info])[0]})
+    planned = [(seed, 2_000) for seed in ([7] if all_can_be_had else [7, 8, 9, 10])]
+    mended = [] if all_can_be_had or mission is COVERAGE else [(7, 300)]
+    assert searches == planned + mended
 
 
 @pytest.mark.parametrize("mission", [COVERAGE, HARVESTING])
