@@ -2,6 +2,7 @@
 
 import io
 import re
+import struct
 import tracemalloc
 import zipfile
 
@@ -36,6 +37,16 @@ def archive(members, compression=zipfile.ZIP_DEFLATED):
     return buffer.getvalue()
 
 
+def far_away():
+    """An archive whose directory says that its array is 2^63 bytes from the start."""
+    content = archive([("a.npy", npy(ARRAYS["a"]))])
+    at, end = content.index(b"PK\x01\x02"), content.index(b"PK\x05\x06")
+    entry, tail = bytearray(content[at:end]), bytearray(content[end:])
+    entry += struct.pack("<HHQ", 1, 8, 2**63)
+    entry[30:32], entry[42:46], tail[12:16] = struct.pack("<H", 12), b"\xff" * 4, struct.pack("<I", len(entry))
+    return content[:at] + entry + tail
+
+
 @pytest.mark.parametrize("compress", [True, False])
 def test_arrays_come_back_as_they_were(compress):
     found = unpack_arrays(pack_arrays(ARRAYS, compress=compress))
@@ -55,6 +66,7 @@ def test_arrays_come_back_as_they_were(compress):
         (b"PK junk", "not an .npz"),
         (npy(ARRAYS["a"]), "not an .npz"),
         (pack_arrays(ARRAYS)[:-40], "not an .npz"),
+        (far_away(), "not an .npz"),
         (archive([("a.npy", npy(np.array([{}], dtype=object)))]), "objects"),
         (archive([("a.npy", npy(np.zeros(2, dtype=[("x", "u1")])))]), "objects"),
         (archive([("a.npy", b"junk")]), "magic"),
@@ -69,7 +81,7 @@ def test_arrays_come_back_as_they_were(compress):
         (archive([("a.npy", header_of(b"-" * 9000))]), "header"),
         (archive([("a.npy", header_of(b"[" * 9000))]), "header"),
     ],
-    ids=range(17),
+    ids=range(18),
 )
 def test_anything_else_is_refused(content, reason):
     with pytest.raises(ValueError, match=reason):

@@ -44,7 +44,7 @@ def unpack_arrays(content: bytes, most: int = _MOST_BYTES) -> dict[str, NDArray[
             if sum(member.file_size for member in members) > most:
                 raise ValueError(f"it would unpack to more than {most >> 20} MB")
             return {name: _read_array(table, member) for name, member in zip(names, members, strict=True)}
-    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, KeyError, RuntimeError) as error:
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, KeyError, RuntimeError, OverflowError) as error:
         raise ValueError(f"not an .npz file: {error}") from None
 
 
