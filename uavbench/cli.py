@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from uavbench.commands import leaderboard, learning, pictures
-from uavbench.commands.shared import ResultFolder, ScenarioFile, fail, flown
+from uavbench.commands.shared import DecisionTimeout, ResultFolder, ScenarioFile, fail, flown
 
 app = typer.Typer(
     epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
@@ -83,7 +83,7 @@ def check(
     scenario: Annotated[
         list[str] | None, typer.Option(help="Where to fly instead of Block8-CPP-v0 and Block8-DH-v0; repeatable.")
     ] = None,
-    decision_timeout: Annotated[float, typer.Option(min=1e-3, help="Seconds that one decision may take.")] = 60.0,
+    decision_timeout: DecisionTimeout = 60.0,
 ) -> None:
     """Check that an agent keeps the contract.
 

@@ -1,7 +1,9 @@
 """The board: everything is replayed, what is refused is named and the rest is built, again to the same bytes."""
 
 import csv
+import errno
 import io
+import os
 import re
 import shutil
 import tomllib
@@ -15,6 +17,15 @@ from uavbench.agent import find_agent
 from uavbench.leaderboard.board import _of_one_hand, build, submission_folders, verify
 from uavbench.leaderboard.reruns import load_reruns
 from uavbench.leaderboard.submission import SubmissionError, load_submission
+
+OF_WEIGHTS = """
+from pathlib import Path
+class Agent:
+    def __init__(self, scenario, weights):
+        self.action = int(Path(weights).read_text())
+    def act(self, observation, info):
+        return self.action
+"""
 
 
 def rows(folder):
@@ -243,6 +254,24 @@ def test_an_agent_other_than_the_manifest_says_is_no_rerun(submissions, field, o
     assert not (submissions.parent / "reruns.csv").exists()
 
 
+def test_an_agent_is_run_again_with_the_weights_it_flew_with(tmp_path):
+    (tmp_path / "mine.py").write_text(OF_WEIGHTS, encoding="utf-8")
+    for name, action in (("weights", 2), ("others", 3)):
+        (tmp_path / name).write_text(str(action), encoding="utf-8")
+    agent, scenario = ("--agent", tmp_path / "mine.py"), ("--scenario", "Block8-CPP-v0")
+    told = uavbench("evaluate", *agent, "--weights", tmp_path / "weights", *scenario, "--out", tmp_path / "results")
+    assert told.exit_code == 0, told.output
+    out = ("--out", tmp_path / "board" / "submissions")
+    told = uavbench("submit", *(tmp_path / "results" / "Block8-CPP-v0").iterdir(), "--name", "Mine", "--authors", "A", *out)
+    assert told.exit_code == 0, told.output
+    again = ("leaderboard", "rerun", tmp_path / "board" / "submissions" / "mine", *agent, "--episodes", 5)
+    for given, wrong in (((), "weights are given by --weights"), (("--weights", tmp_path / "others"), "agent_sha256: ")):
+        told = uavbench(*again, *given)
+        assert (told.exit_code, wrong in told.output) == (1, True), told.output
+    told = uavbench(*again, "--weights", tmp_path / "weights", "--decision-timeout", 30)
+    assert told.exit_code == 0, told.output
+
+
 def test_what_does_not_hold_is_not_run_again(submissions):
     spoil(submissions / "random" / "Block8-CPP-v0")
     told = uavbench("leaderboard", "rerun", submissions / "random" / "Block8-CPP-v0", "--agent", "random")
@@ -289,6 +318,29 @@ def test_a_damaged_table_of_reruns_is_an_error(submissions):
     (submissions.parent / "reruns.csv").write_text("submission,episodes\na,b\n")
     with pytest.raises(SubmissionError, match=r"reruns\.csv: damaged"):
         build(submissions)
+
+
+def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submissions, monkeypatch):
+    path, words = submissions.parent / "reruns.csv", ("leaderboard", "rerun", submissions / "random", "--agent", "random")
+    assert uavbench(*words, "--episodes", 2).exit_code == 0
+    good = path.read_text(encoding="utf-8")
+    with monkeypatch.context() as patch:
+        patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))
+        path.write_text(good.rstrip("\n")[:-1] + "x\n", encoding="utf-8")
+        told = uavbench(*words)
+        assert (told.exit_code, "reruns.csv: damaged in line 3" in told.output) == (1, True), told.output
+        path.unlink()
+        path.mkdir()
+        told = uavbench(*words)
+        assert (told.exit_code, "reruns.csv: Is a directory" in told.output) == (1, True), told.output
+    path.rmdir()
+    monkeypatch.setattr("uavbench.leaderboard.reruns.write_whole", _full)
+    told = uavbench(*words, "--episodes", 2)
+    assert (told.exit_code, "reruns.csv: No space left" in told.output) == (1, True), told.output
+
+
+def _full(*to):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_submit_by_command(results, tmp_path):

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from uavbench.commands.shared import fail
+from uavbench.commands.shared import DecisionTimeout, fail
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -116,13 +116,19 @@ def build(
 
 @app.command(
     epilog="\b\nExamples:\n  uavbench leaderboard rerun leaderboard/submissions/greedy --agent greedy\n"
-    "  uavbench leaderboard rerun leaderboard/submissions/planner --agent planner --episodes 100 --workers 2"
+    "  uavbench leaderboard rerun leaderboard/submissions/planner --agent planner --episodes 100 --workers 2\n"
+    "  uavbench leaderboard rerun leaderboard/submissions/my-agent --agent my_agent.py --weights my_weights.pt"
 )
 def rerun(
     folder: _Submissions,
-    agent: Annotated[str, typer.Option(help="What was submitted: path.py, path.py:Class, or a built-in's name.")],
+    agent: Annotated[
+        str,
+        typer.Option(help="What was submitted: path.py, path.py:Class, a .safetensors or .onnx file, or a built-in."),
+    ],
+    weights: Annotated[Path | None, typer.Option(help="What the agent's own file flew with.")] = None,
     episodes: Annotated[int | None, typer.Option(min=1, help="How many, from 0 on; by default all.")] = None,
     workers: _Workers = 1,
+    decision_timeout: DecisionTimeout = 60.0,
 ) -> None:
     """Execute a submission's agent again, and compare every action.
 
@@ -135,18 +141,21 @@ def rerun(
     from uavbench.display import episodes_progress
     from uavbench.evaluate import AgentError
     from uavbench.leaderboard.board import submission_folders
-    from uavbench.leaderboard.reruns import fly_again, save_rerun
+    from uavbench.leaderboard.reruns import fly_again, load_reruns, save_rerun
     from uavbench.leaderboard.submission import SubmissionError, load_submission
 
     try:
-        source = find_agent(agent)
+        source = find_agent(agent, weights)
         for each in submission_folders(folder):
             submission = load_submission(each)
+            kept = each.parent.parent.parent / "reruns.csv"
+            load_reruns(kept)  # before hours of flying, not after
             count = min(episodes or submission.manifest.result.episodes, submission.manifest.result.episodes)
             with episodes_progress(Console(stderr=True), submission.label, "CRAL") as progress:
                 progress.show(count)
-                found = fly_again(submission, source, count, workers, lambda record: progress.advance(record.cral))
-            kept = each.parent.parent.parent / "reruns.csv"
+                found = fly_again(
+                    submission, source, count, workers, decision_timeout, lambda record: progress.advance(record.cral)
+                )
             save_rerun(kept, found)
             typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes; it stands in {kept}")
     except (AgentLoadError, AgentError, SubmissionError) as error:

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from uavbench.results import Result
 
 ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission's.")]
+DecisionTimeout = Annotated[float, typer.Option(min=1e-3, help="Seconds that one decision may take.")]
 ScenarioFile = Annotated[
     str | None, typer.Option("--scenario", help="The .toml file of a scenario of your own, if it has moved.")
 ]

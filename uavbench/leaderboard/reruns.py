@@ -50,17 +50,32 @@ def load_reruns(path: Path) -> dict[str, Rerun]:
     SubmissionError
         When the file is damaged.
     """
-    if not path.is_file():
+    if not path.exists():
         return {}
+    found: dict[str, Rerun] = {}
+    reader = None
     try:
-        rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines(), strict=True))
-        return {row["submission"]: Rerun(**{**row, "episodes": int(row["episodes"])}) for row in rows}  # pyright: ignore[reportArgumentType]
-    except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        raise SubmissionError(f"{path}: damaged: {error}") from None
+        reader = csv.DictReader(path.read_text(encoding="utf-8").splitlines(), strict=True)
+        for row in reader:
+            found[row["submission"]] = Rerun(**{**row, "episodes": int(row["episodes"])})  # pyright: ignore[reportArgumentType]
+    except OSError as error:
+        raise SubmissionError(f"{path}: {error.strerror}") from None
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        where = f" in line {reader.line_num}" if reader else ""
+        raise SubmissionError(
+            f"{path}: damaged{where} ({error}): take the file as it was before, or delete the line and rerun that agent"
+        ) from None
+    return found
 
 
 def save_rerun(path: Path, rerun: Rerun) -> None:
-    """Write down a rerun, in the place of an older one of the same submission, unless that was of more episodes."""
+    """Write down a rerun, in the place of an older one of the same submission, unless that was of more episodes.
+
+    Raises
+    ------
+    SubmissionError
+        When the file is damaged or cannot be written; it is as it was then.
+    """
     known = load_reruns(path)
     before = known.get(rerun.submission)
     if before is None or replace(before, episodes=rerun.episodes) != rerun or before.episodes < rerun.episodes:
@@ -69,7 +84,10 @@ def save_rerun(path: Path, rerun: Rerun) -> None:
     writer = csv.DictWriter(text, [field.name for field in fields(Rerun)], lineterminator="\n")
     writer.writeheader()
     writer.writerows(asdict(known[name]) for name in sorted(known))
-    write_whole(path, text.getvalue().encode())
+    try:
+        write_whole(path, text.getvalue().encode())
+    except OSError as error:
+        raise SubmissionError(f"{path}: {error.strerror}: nothing was written") from None
 
 
 def actions_digest(submission: Submission) -> str:
@@ -82,6 +100,7 @@ def fly_again(
     source: AgentSource,
     episodes: int,
     workers: int = 1,
+    decision_timeout: float | None = 60.0,
     on_record: Callable[[EpisodeRecord], None] = lambda record: None,
 ) -> Rerun:
     """Execute the agent on the first episodes, and compare every action.
@@ -94,9 +113,10 @@ def fly_again(
     said = submission.manifest.result
     for field, found in {"track": source.track, "agent_sha256": source.digest(submission.scenario)}.items():
         if getattr(said, field) != found:
-            raise SubmissionError(f"{submission.label}: {field}: {source.name} has {found}, not {getattr(said, field)}")
+            hint = ": another file, or without the --weights it flew with" if field == "agent_sha256" else ""
+            raise SubmissionError(f"{submission.label}: {field}: {source.name} has {found}, not {getattr(said, field)}{hint}")
     recorded = [record.actions for record in check(submission)]
-    for record in evaluate(Job(source, submission.scenario, "test"), range(episodes), workers):
+    for record in evaluate(Job(source, submission.scenario, "test", decision_timeout), range(episodes), workers):
         if not np.array_equal(record.actions, recorded[record.episode]):
             first = _first_difference(record, recorded[record.episode])
             raise SubmissionError(
