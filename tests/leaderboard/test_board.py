@@ -210,6 +210,13 @@ def test_one_agents_folder_is_no_board(submissions):
     assert not (submissions / "leaderboard.csv").exists()
 
 
+def test_a_submission_can_be_replayed_from_where_it_lies(submissions, monkeypatch):
+    for start, folder in (("greedy", "Block8-CPP-v0"), ("greedy/Block8-CPP-v0", ".")):
+        monkeypatch.chdir(submissions / start)
+        told = uavbench("replay", folder)
+        assert told.exit_code == 0, told.output
+
+
 def test_workers_find_the_same(submissions):
     spoil(submissions / "greedy" / "Block8-DH-v0")
     folders = submission_folders(submissions)

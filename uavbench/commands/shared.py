@@ -30,7 +30,7 @@ def flown(folder: Path) -> "Result":
     if not (folder / MANIFEST).exists():
         return load_result(folder)
     try:
-        return load_submission(folder).result
+        return load_submission(folder.absolute()).result  # its name and its parent's are checked, and "." has none
     except SubmissionError as error:
         raise ResultError(str(error)) from None
 
