@@ -9,7 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from uavbench.files import pack_arrays, replace_folder, unpack_arrays, write_together, write_whole
+from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together, write_whole
 
 ARRAYS = {"a": np.arange(6, dtype=np.uint8).reshape(2, 3), "b": np.array([1.5, np.inf]), "c": np.zeros((0, 4), dtype=np.int64)}
 
@@ -138,22 +138,36 @@ def folder_of(path, text):
 def test_a_folder_takes_the_place_of_another(tmp_path):
     new, folder = folder_of(tmp_path / "new", "new"), folder_of(tmp_path / "folder", "old")
     folder_of(tmp_path / ".folder.old", "of a process that was killed after both moves")
-    replace_folder(new, folder)
+    replace_folders({folder: new})
     assert (folder / "file").read_text() == "new"
     assert [each.name for each in tmp_path.iterdir()] == ["folder"]
 
 
 @pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
-def test_a_folder_that_cannot_be_replaced_stays(tmp_path, monkeypatch, error):
-    new, folder = folder_of(tmp_path / "new", "new"), folder_of(tmp_path / "folder", "old")
-    move = type(folder).replace
+def test_folders_are_replaced_together_or_none_is(tmp_path, monkeypatch, error):
+    (tmp_path / "new").mkdir()
+    places = {tmp_path / name: folder_of(tmp_path / "new" / name, "new") for name in ("first", "fresh", "last")}
+    first, fresh, last = (folder_of(place, "old") if place.name != "fresh" else place for place in places)
+    move = type(first).replace
 
     def interrupted(self, target):
-        if self == new:
+        if self == places[last]:
             raise error
         return move(self, target)
 
-    monkeypatch.setattr(type(folder), "replace", interrupted)
+    monkeypatch.setattr(type(first), "replace", interrupted)
     with pytest.raises(error):
-        replace_folder(new, folder)
-    assert (folder / "file").read_text() == "old"
+        replace_folders(places)
+    assert [(place / "file").read_text() for place in (first, last)] == ["old", "old"]
+    assert not fresh.exists()
+    assert [(made / "file").read_text() for made in places.values()] == ["new"] * 3
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["first", "last", "new"]
+
+
+def test_a_folder_that_could_not_be_deleted_is_not_moved(tmp_path, monkeypatch):
+    places = {tmp_path / name: folder_of(tmp_path / f"new {name}", "new") for name in ("first", "last")}
+    first, last = (folder_of(place, "old") for place in places)
+    monkeypatch.setattr("uavbench.files.os.access", lambda path, mode: path != last)  # root may do everything
+    with pytest.raises(PermissionError, match=str(last)):
+        replace_folders(places)
+    assert [(place / "file").read_text() for place in (first, last)] == ["old", "old"]

@@ -38,6 +38,13 @@ def test_scenes_are_those_of_the_recorded_flight(pictured, name):
         recorded_scenes(result, 60)
 
 
+def test_devices_are_full_before_the_first_step(pictured):
+    for episode in range(20):
+        scenes = recorded_scenes(pictured["greedy", "Manhattan32-DH-Team-v0"], episode)
+        assert [device.left for device in scenes[0].devices] == pytest.approx([1.0] * len(scenes[0].devices))
+        assert all(0 <= device.left <= 1 for scene in scenes for device in scene.devices)  # a wedge beyond 1 is empty
+
+
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
 @pytest.mark.parametrize("name", ["Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0"])
 def test_plots_are_drawn_in_all_formats(pictured, name, ending, tmp_path):

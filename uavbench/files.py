@@ -96,20 +96,29 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
                 path.unlink()
 
 
-def replace_folder(new: Path, folder: Path) -> None:
-    """Put a folder in the place of another, which stays where it was if that fails.
+def replace_folders(new: Mapping[Path, Path]) -> None:
+    """Put folders in the places of others, by place: all, or none if one fails.
 
-    What a process left that was killed between the two moves is put right by the next call.
+    What a process left that was killed between two moves is put right by the next call.
     """
-    old = folder.with_name(f".{folder.name}.old")
-    if old.exists() and folder.exists():
-        shutil.rmtree(old)
-    try:
+    old = {folder: folder.with_name(f".{folder.name}.old") for folder in new}
+    for folder in new:
         if folder.exists():
-            folder.replace(old)
-        new.replace(folder)
+            if not os.access(folder, os.W_OK):  # it could be moved away, but not deleted then
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+            if old[folder].exists():
+                shutil.rmtree(old[folder])
+    try:
+        for folder, made in new.items():
+            if folder.exists():
+                folder.replace(old[folder])
+            made.replace(folder)
     except BaseException:
-        if old.exists() and not folder.exists():
-            old.replace(folder)
+        for folder, made in new.items():
+            if not made.exists():
+                folder.replace(made)
+            if old[folder].exists() and not folder.exists():
+                old[folder].replace(folder)
         raise
-    shutil.rmtree(old, ignore_errors=True)
+    for each in old.values():
+        shutil.rmtree(each, ignore_errors=True)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.evaluate import EpisodeRecord, Job
-from uavbench.files import pack_arrays, replace_folder, unpack_arrays, write_together
+from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together
 from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
@@ -274,5 +274,5 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
     (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
     (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))
-    replace_folder(new, folder)
+    replace_folders({folder: new})
     return Result(folder, summary)

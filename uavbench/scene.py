@@ -154,6 +154,6 @@ def _devices(simulator: Simulator, i: int, trail: Trail) -> list[Device]:
     cells: Sequence[list[int]] = view["device_cell"].tolist()
     left: Sequence[float] = view["device_data"].tolist()
     return [
-        Device((r, c), DEVICES[d % len(DEVICES)], data / float(trail.target[r, c]))
+        Device((r, c), DEVICES[d % len(DEVICES)], min(1.0, data / float(trail.target[r, c])))  # of which the map is rounded
         for d, ((r, c), data) in enumerate(zip(cells, left, strict=True))
     ]

@@ -8,6 +8,7 @@ import re
 import shutil
 import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import tomli_w
@@ -210,6 +211,20 @@ def test_one_agents_folder_is_no_board(submissions):
     assert not (submissions / "leaderboard.csv").exists()
 
 
+def test_a_folder_that_cannot_be_read_is_refused_and_does_not_stop_the_rest(submissions, monkeypatch):
+    list_files = Path.iterdir
+
+    def closed(self):
+        if self.name == "random":
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
+        return list_files(self)
+
+    monkeypatch.setattr(Path, "iterdir", closed)  # root may read everything
+    board = build(submissions)
+    assert board.refused == ["submissions/random: Permission denied"]
+    assert {row.name for row in board.rows if row.rank} == {"greedy"}
+
+
 def test_a_submission_can_be_replayed_from_where_it_lies(submissions, monkeypatch):
     for start, folder in (("greedy", "Block8-CPP-v0"), ("greedy/Block8-CPP-v0", ".")):
         monkeypatch.chdir(submissions / start)
@@ -341,6 +356,11 @@ def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submis
         told = uavbench(*words)
         assert (told.exit_code, "reruns.csv: Is a directory" in told.output) == (1, True), told.output
     path.rmdir()
+    with monkeypatch.context() as patch:
+        patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))
+        patch.setattr("uavbench.leaderboard.reruns.TemporaryFile", lambda **where: _full())
+        told = uavbench(*words)
+        assert (told.exit_code, "reruns.csv: No space left" in told.output) == (1, True), told.output
     monkeypatch.setattr("uavbench.leaderboard.reruns.write_whole", _full)
     told = uavbench(*words, "--episodes", 2)
     assert (told.exit_code, "reruns.csv: No space left" in told.output) == (1, True), told.output

@@ -141,7 +141,7 @@ def rerun(
     from uavbench.display import episodes_progress
     from uavbench.evaluate import AgentError
     from uavbench.leaderboard.board import submission_folders
-    from uavbench.leaderboard.reruns import fly_again, load_reruns, save_rerun
+    from uavbench.leaderboard.reruns import check_reruns, fly_again, save_rerun
     from uavbench.leaderboard.submission import SubmissionError, load_submission
 
     try:
@@ -149,7 +149,7 @@ def rerun(
         for each in submission_folders(folder):
             submission = load_submission(each)
             kept = each.parent.parent.parent / "reruns.csv"
-            load_reruns(kept)  # before hours of flying, not after
+            check_reruns(kept)
             count = min(episodes or submission.manifest.result.episodes, submission.manifest.result.episodes)
             with episodes_progress(Console(stderr=True), submission.label, "CRAL") as progress:
                 progress.show(count)

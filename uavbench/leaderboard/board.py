@@ -1,5 +1,6 @@
 """The leaderboard from a folder of submissions: everything is replayed, what is refused is named, the rest is built."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,17 +44,25 @@ def submission_folders(folder: Path) -> list[Path]:
         return [root]
     found: list[Path] = []
     for outer in sorted(root.glob("*")):
-        closed = outer.name.startswith(".") or outer.is_symlink() or not outer.is_dir() or _is_one(outer)
-        inner = [] if closed else sorted(outer.iterdir())
-        found += inner or [outer]
+        found += _inner(outer) or [outer]
     if not found:
         raise SubmissionError(f"{folder}: holds no submissions: folders <name>/<scenario> that uavbench submit wrote")
     return found
 
 
+def _inner(outer: Path) -> list[Path]:
+    """Return what an agent's folder holds; nothing of what is none or cannot be read, which is refused as a submission then."""
+    closed = outer.name.startswith(".") or outer.is_symlink() or not outer.is_dir() or _is_one(outer)
+    with contextlib.suppress(OSError):
+        return [] if closed else sorted(outer.iterdir())
+    return []
+
+
 def _is_one(folder: Path) -> bool:
     """Say whether a folder is a submission rather than holds some."""
-    return (folder / MANIFEST).is_file() and not any(path.is_dir() for path in folder.iterdir())
+    with contextlib.suppress(OSError):
+        return (folder / MANIFEST).is_file() and not any(path.is_dir() for path in folder.iterdir())
+    return False
 
 
 def verify(

@@ -10,6 +10,7 @@ import io
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -66,6 +67,22 @@ def load_reruns(path: Path) -> dict[str, Rerun]:
             f"{path}: damaged{where} ({error}): take the file as it was before, or delete the line and rerun that agent"
         ) from None
     return found
+
+
+def check_reruns(path: Path) -> None:
+    """Find out before hours of flying whether a rerun can be written down.
+
+    Raises
+    ------
+    SubmissionError
+        When the file is damaged, or cannot be written.
+    """
+    load_reruns(path)
+    try:
+        with TemporaryFile(dir=path.parent):
+            pass
+    except OSError as error:
+        raise SubmissionError(f"{path}: {error.strerror}") from None
 
 
 def save_rerun(path: Path, rerun: Rerun) -> None:

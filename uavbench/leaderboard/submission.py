@@ -34,8 +34,8 @@ def _printable(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    if not re.match(r"[A-Za-z0-9][A-Za-z0-9 ._+-]*$", text):
-        raise ValueError(f"{text!r}: begin with a letter or digit, and use only those, spaces and . _ + -")
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]*( [A-Za-z0-9._+-]+)*", text):
+        raise ValueError(f"{text!r}: begin with a letter or digit, and use only those, . _ + - and single spaces between")
     return text
 
 
@@ -107,7 +107,7 @@ class Manifest(Record):
     @field_validator("link")
     @classmethod
     def _web(cls, link: str) -> str:
-        if link and not re.match(r"https?://[^\s\"'<>]+$", link):
+        if link and not re.fullmatch(r"https?://[^\s\"'<>]+", link):
             raise ValueError("write an address that begins with http:// or https://, or nothing")
         return link
 
@@ -192,7 +192,7 @@ def check(submission: Submission) -> list[EpisodeRecord]:
 def _check_files(folder: Path) -> None:
     """Refuse a folder with other files than a submission's, or such that are no plain files or too large."""
     if folder.name.startswith("."):
-        raise SubmissionError("is hidden, as what a submit leaves that is killed: delete it")
+        raise SubmissionError("is hidden, as what a submit leaves that is killed: submit again, and delete it if it stays")
     if folder.is_symlink() or not folder.is_dir():
         raise SubmissionError("is no folder, or a link")
     if not any(folder.iterdir()):

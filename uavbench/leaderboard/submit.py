@@ -13,7 +13,7 @@ from typing import Any, cast
 import tomli_w
 from pydantic import ValidationError
 
-from uavbench.files import replace_folder
+from uavbench.files import replace_folders
 from uavbench.leaderboard.submission import (
     LARGEST,
     MANIFEST,
@@ -63,9 +63,8 @@ def submit(
                 on_checked(submission.folder)
             folders = [submissions / new.relative_to(staging) for new in made]
             _check_hand([submission.manifest for submission in loaded], folders)
-            for new, folder in zip(made, folders, strict=True):
-                folder.parent.mkdir(exist_ok=True)
-                replace_folder(new, folder)
+            folders[0].parent.mkdir(exist_ok=True)
+            replace_folders(dict(zip(folders, made, strict=True)))
     except OSError as error:
         raise SubmissionError(f"{error.filename or submissions}: {error.strerror or error}") from None
     return folders
