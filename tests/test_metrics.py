@@ -57,3 +57,5 @@ def test_comparisons_are_paired():
 def test_ties_count_half():
     found = compare(np.array([1.0, 0.0, 0.5, 0.5]), np.array([0.0, 0.0, 0.5, 1.0]))
     assert found.improvement.mean == (1 + 0.5 + 0.5 + 0) / 4
+    rounding = compare(np.array([0.5 + 9e-7, 0.5 - 1e-12, 0.5 + 2e-6]), np.full(3, 0.5))
+    assert rounding.improvement.mean == (0.5 + 0.5 + 1) / 3

@@ -29,8 +29,15 @@ class Interval:
     high: float
 
 
-def proportion_interval(successes: NDArray[np.bool_], confidence: float = CONFIDENCE) -> Interval:
-    """Return the share of successes with Wilson's score interval (Wilson 1927)."""
+def proportion_interval(successes: NDArray[np.bool_ | np.float64], confidence: float = CONFIDENCE) -> Interval:
+    """Return the share of successes with Wilson's score interval (Wilson 1927).
+
+    Parameters
+    ----------
+    successes : ndarray
+        Shape (n,): whether each trial succeeded; or which share did of trials that depend on each other, which then count as
+        one: the interval is not too narrow, however they depend.
+    """
     n, share = len(successes), float(np.mean(successes))
     z = NormalDist().inv_cdf(0.5 + confidence / 2)
     centre = (share + z * z / (2 * n)) / (1 + z * z / n)
@@ -40,21 +47,15 @@ def proportion_interval(successes: NDArray[np.bool_], confidence: float = CONFID
 
 def mean_interval(values: NDArray[np.float64], confidence: float = CONFIDENCE) -> Interval:
     """Return the mean with its percentile-bootstrap interval (Efron 1979; 10,000 resamples)."""
-    return stratified_interval([values], confidence)
-
-
-def stratified_interval(strata: Sequence[NDArray[np.float64]], confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean of the means of several sets of episodes, each resampled on its own, with its interval."""
-    means = np.mean([_resampled_means(values, seed) for seed, values in enumerate(strata)], axis=0)
     tail = (1 - confidence) / 2
-    low, high = np.quantile(means, (tail, 1 - tail))
-    return Interval(float(np.mean([np.mean(values) for values in strata])), float(low), float(high))
+    low, high = np.quantile(_resampled_means(values), (tail, 1 - tail))
+    return Interval(float(np.mean(values)), float(low), float(high))
 
 
-def _resampled_means(values: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
+def _resampled_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the means of 10,000 samples of ``values`` with replacement."""
     n = len(values)
-    bits = np.random.PCG64(seed)  # raw bits: NumPy promises their stream, but not that of its distributions
+    bits = np.random.PCG64(0)  # raw bits: NumPy promises their stream, but not that of its distributions
     means = np.empty(_RESAMPLES)
     size = max(1, _CHUNK // n)
     for k in range(0, _RESAMPLES, size):
@@ -71,18 +72,17 @@ def interquartile_mean(values: NDArray[np.float64]) -> float:
     return float(ordered[cut : len(ordered) - cut].mean())
 
 
-def paired_p_value(strata: Sequence[NDArray[np.float64]]) -> float:
+def paired_p_value(differences: NDArray[np.float64]) -> float:
     """Return how likely so large a mean of paired differences is by chance: two-sided, by the normal distribution.
 
     Parameters
     ----------
-    strata : sequence of ndarray
-        Differences on the same episodes, a scenario each; the mean of their means is tested. Some hundred of them are
-        enough for the central limit theorem. What two platforms' logarithms may differ by counts as no difference.
+    differences : ndarray
+        Shape (n,): first − second on the same episodes. Some hundred of them are enough for the central limit theorem. What two
+        platforms' logarithms may differ by counts as no difference.
     """
-    strata = [np.where(np.abs(values) <= _ROUNDING, 0.0, values) for values in strata]
-    mean = math.fsum(float(values.mean()) for values in strata)
-    variance = math.fsum(float(values.var(ddof=1)) / len(values) for values in strata)
+    differences = _beyond_rounding(differences)
+    mean, variance = float(differences.mean()), float(differences.var(ddof=1)) / len(differences)
     if variance == 0.0:
         return 1.0 if mean == 0.0 else 0.0
     return math.erfc(abs(mean) / math.sqrt(2 * variance))
@@ -112,7 +112,8 @@ class Comparison:
     difference : Interval
         Mean of first − second over the episodes.
     improvement : Interval
-        Probability that the first is better on an episode, ties counting half.
+        Probability that the first is better on an episode, ties counting half. What two platforms' logarithms may differ by
+        is a tie.
     """
 
     difference: Interval
@@ -122,4 +123,9 @@ class Comparison:
 def compare(first: NDArray[np.float64], second: NDArray[np.float64]) -> Comparison:
     """Compare two agents on the same episodes; both arrays of shape (n,), in the same order."""
     difference = first - second
-    return Comparison(mean_interval(difference), mean_interval((np.sign(difference) + 1) / 2))
+    return Comparison(mean_interval(difference), mean_interval((np.sign(_beyond_rounding(difference)) + 1) / 2))
+
+
+def _beyond_rounding(differences: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return differences, with 0 for those that a replay on another platform may make."""
+    return np.where(np.abs(differences) <= _ROUNDING, 0.0, differences)

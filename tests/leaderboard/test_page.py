@@ -1,5 +1,6 @@
 """The page in a real browser: the table, the filters, and flights that end with the CR of the table of episodes."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -105,11 +106,11 @@ def test_plays_an_episode_to_its_end_with_the_csvs_cr(board, opened, results, sc
 
 
 def test_chooses_worst_median_and_best(board, opened, results):
-    cral = results["random"][0].episodes()["cral"].to_numpy()[:100]
+    cral = results["random"][0].episodes()["cral"].to_numpy()
     page = opened(board)
     page.select_option("#scenario", "Block8-CPP-v0")
     page.click("tr[data-name=random] .open")
-    for which, value in (("worst", cral.min()), ("best", cral.max()), ("median", sorted(cral)[50])):
+    for which, value in (("worst", cral.min()), ("best", cral.max()), ("median", sorted(cral)[500])):
         page.click(f"[data-pick={which}]")
         page.wait_for_timeout(100)
         assert cral[int(page.input_value("#episode"))] == pytest.approx(value)
@@ -140,6 +141,43 @@ def test_two_side_by_side_by_keyboard_alone(board, opened):
     page.wait_for_function("!document.querySelector('#step').textContent.startsWith('1/')")
     page.keyboard.press("Escape")
     assert not page.is_visible("#viewer")
+    assert page.evaluate("document.activeElement.closest('tr').dataset.name") == "greedy"
+
+
+def test_keys_with_a_modifier_are_the_browsers(board, opened):
+    page = opened(board)
+    page.select_option("#scenario", "Block8-DH-v0")
+    page.click("tr[data-name=greedy] .open")
+    page.wait_for_selector(".pane")
+    press = """altKey => {
+        const event = new KeyboardEvent("keydown", { key: "ArrowRight", altKey, bubbles: true, cancelable: true });
+        document.body.dispatchEvent(event);
+        return event.defaultPrevented;
+    }"""
+    assert not page.evaluate(press, True)
+    assert page.inner_text("#step").startswith("0/")
+    assert page.evaluate(press, False)
+    assert page.inner_text("#step").startswith("1/")
+
+
+def test_a_page_without_room_for_all_flights_has_the_first_and_says_so(made, opened, tmp_path, monkeypatch):
+    folder = shutil.copytree(made, tmp_path / "submissions")
+    for room, said, count in ((10**6, "of 1,000", 1000), (10**3, "of the first 100 of 1,000", 100)):
+        monkeypatch.setattr("uavbench.leaderboard.page._ROOM", room)
+        build(folder)
+        page = opened(tmp_path / "index.html")
+        page.select_option("#scenario", "Block8-CPP-v0")
+        page.click("tr[data-name=greedy] .open")
+        page.wait_for_selector(".pane")
+        assert page.inner_text("#many") == said
+        assert page.get_attribute("#episode", "max") == str(count - 1)
+
+
+def test_scenarios_share_what_is_drawn_alike(board):
+    data = json.loads(re.search(r'id="data">(.*?)</script>', board.read_text(encoding="utf-8"), re.DOTALL)[1])
+    coverage, harvesting = (data["scenarios"][name]["episodes"] for name in ("Block8-CPP-v0", "Block8-DH-v0"))
+    assert coverage["key"] == harvesting["key"]
+    assert len(data["columns"]) == len({*coverage.values(), *harvesting.values()}) < len(coverage) + len(harvesting)
 
 
 def test_every_flight_ends_as_in_the_submission(board, opened, results):
@@ -147,8 +185,8 @@ def test_every_flight_ends_as_in_the_submission(board, opened, results):
     for agent, flown in results.items():
         for result in flown:
             found = page.evaluate(f"Viewer.replayAll('{agent}', '{result.summary['scenario']}')")
-            table = result.episodes().iloc[: len(found)]
-            assert len(found) == 100
+            table = result.episodes()
+            assert len(found) == 1000
             assert [cr for cr, _ in found] == pytest.approx(table["cr"].tolist(), abs=1e-6)
             assert [landed for _, landed in found] == table["landed"].astype(bool).tolist()
 
@@ -162,7 +200,7 @@ def test_every_official_flight_ends_as_in_the_submission_and_the_page_is_small(o
     for folder in submission_folders(OFFICIAL):
         submission = load_submission(folder)
         found = page.evaluate("([agent, id]) => Viewer.replayAll(agent, id)", submission.label.split("/"))
-        assert len(found) >= 100
+        assert len(found) == 1000
         assert [cr for cr, _ in found] == pytest.approx(submission.result.episodes()["cr"].tolist()[: len(found)], abs=1e-5)
 
 
@@ -173,9 +211,16 @@ def test_reads_well_on_a_phone_and_in_the_dark(board, opened):
     page.click("#theme")
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") != dark
     page.select_option("#scenario", "Block8-CPP-v0")
+    assert page.is_visible("tr[data-name=greedy] td.rank")
+    cell, tier = (page.locator(f"tr[data-name=greedy] {each}").bounding_box() for each in ("td.name", ".tier"))
+    assert tier["x"] + tier["width"] <= cell["x"] + cell["width"] <= 375
     page.click("tr[data-name=greedy] .open")
     page.wait_for_selector(".pane")
     assert page.evaluate("document.documentElement.scrollWidth") <= 375
+    legend = "document.querySelector('#legend i').style.background"
+    light = page.evaluate(legend)
+    page.click("#theme")
+    assert page.evaluate(legend) != light
 
 
 def test_what_is_submitted_is_text_to_the_page(made, opened, tmp_path):

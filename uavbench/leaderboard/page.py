@@ -23,7 +23,8 @@ from uavbench.missions.harvesting import channel_of
 from uavbench.parameters import Harvesting
 from uavbench.scenario import Scenario
 
-_SHOWN_ELSEWHERE = 100  # flights to watch on scenarios other than the paper's: the page is to stay small
+_ELSEWHERE = (1000, 500, 200, 100)  # flights to watch on scenarios other than the paper's: the most that the page has room for
+_ROOM = 10_000_000  # actions; they take a quarter of a byte each, and the page is to stay under 3 MB
 
 
 def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
@@ -31,12 +32,15 @@ def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
     watched = [entry for entry in entries if frozen_columns(entry.submission.scenario, "test") is not None]
     scenarios = {entry.submission.scenario.id: entry.submission.scenario for entry in watched}
     folders = {entry.submission.manifest.name: entry.submission.manifest.folder for entry in watched}
+    elsewhere = next((count for count in _ELSEWHERE if _actions(watched, count) <= _ROOM), _ELSEWHERE[-1])
+    columns: list[dict[str, Any]] = []
     data = {
         "rows": [_row(row, folders.get(row.name) if row.tier != "published" else None) for row in rows],
         "names": {folder: name for name, folder in folders.items()},
         "quantile": QUANTILE,
-        "scenarios": {name: _scenario(scenario) for name, scenario in scenarios.items()},
-        "flights": {entry.submission.label: _flights(entry) for entry in watched},
+        "scenarios": {name: _scenario(scenario, elsewhere, columns) for name, scenario in scenarios.items()},
+        "columns": columns,
+        "flights": {entry.submission.label: _flights(entry, elsewhere) for entry in watched},
     }
     parts = {
         "CSS": _asset("page.css"),
@@ -68,11 +72,17 @@ def _scaled(value: float | None) -> float | None:
     return None if value is None or math.isnan(value) else round(100 * value, 4)
 
 
-def _scenario(scenario: Scenario) -> dict[str, Any]:
-    """Return what it takes to fly a scenario's test episodes."""
-    columns = frozen_columns(scenario, "test")
-    assert columns is not None
-    count = shown(scenario)
+def _scenario(scenario: Scenario, elsewhere: int, columns: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return what it takes to fly a scenario's test episodes. Columns go to ``columns``, where scenarios share alike ones."""
+    frozen = frozen_columns(scenario, "test")
+    assert frozen is not None
+    count = _shown(scenario, elsewhere)
+    where: dict[str, int] = {}
+    for name, column in frozen.items():
+        packed = _packed(column[:count])
+        if packed not in columns:
+            columns.append(packed)
+        where[name] = columns.index(packed)
     mission = scenario.mission
     channel = channel_of(mission, city_of(scenario).shape)._asdict() if isinstance(mission, Harvesting) else None
     return {
@@ -81,25 +91,33 @@ def _scenario(scenario: Scenario) -> dict[str, Any]:
         "uavs": scenario.most_uavs,
         "mission": mission.model_dump(mode="json"),
         "channel": channel,
-        "episodes": {name: _packed(column[:count]) for name, column in columns.items()},
+        "recorded": scenario.splits.test.episodes,
+        "episodes": where,
     }
 
 
-def _flights(entry: Entry) -> dict[str, Any]:
-    """Return the actions of an entry's episodes, and their CRAL."""
-    count = shown(entry.submission.scenario)
+def _flights(entry: Entry, elsewhere: int) -> dict[str, Any]:
+    """Return the actions of an entry's episodes, and which of them has the lowest, the median and the highest CRAL."""
+    count = _shown(entry.submission.scenario, elsewhere)
     actions = [record.actions for record in entry.flown[:count]]
+    order = np.argsort(np.round(entry.values("cral")[:count], 6), kind="stable")
     return {
         "lengths": _packed(np.array([len(each) for each in actions], dtype=np.uint16)),
         "actions": _packed(np.concatenate(actions)),
-        "cral": _packed(np.round(entry.values("cral")[:count], 6).astype(np.float32)),
+        "picks": {"worst": int(order[0]), "median": int(order[count // 2]), "best": int(order[-1])},
     }
 
 
-def shown(scenario: Scenario) -> int:
+def _actions(entries: Sequence[Entry], elsewhere: int) -> int:
+    """Return how many actions there are to watch."""
+    shown = (record for entry in entries for record in entry.flown[: _shown(entry.submission.scenario, elsewhere)])
+    return sum(record.actions.size for record in shown)
+
+
+def _shown(scenario: Scenario, elsewhere: int) -> int:
     """Return how many flights of a scenario can be watched: all of the paper's, the first ones of others."""
     episodes = scenario.splits.test.episodes
-    return episodes if scenario.id in PAPER_SCENARIOS else min(episodes, _SHOWN_ELSEWHERE)
+    return episodes if scenario.id in PAPER_SCENARIOS else min(episodes, elsewhere)
 
 
 def _packed(array: NDArray[Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from uavbench.evaluate import EpisodeRecord
 from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
 from uavbench.leaderboard.reruns import Rerun, actions_digest
 from uavbench.leaderboard.submission import Submission
-from uavbench.metrics import Interval, interquartile_mean, paired_p_value, proportion_interval, significant, stratified_interval
+from uavbench.metrics import Interval, interquartile_mean, mean_interval, paired_p_value, proportion_interval, significant
 from uavbench.reference import gaps_of
 from uavbench.results import table_of
 
@@ -123,7 +123,7 @@ def rank(entries: Iterable[Entry]) -> list[Row]:
         parts = PAPER_SCENARIOS if scenario == OVERALL else (scenario,)
         for track in TRACKS:
             groups = _complete(found, parts, track)
-            ordered = sorted(groups, key=lambda group: -float(np.mean([entry.values("cral").mean() for entry in group])))
+            ordered = sorted(groups, key=lambda group: -float(_together(group, "cral").mean()))
             rows += [_row(scenario, number, group) for number, group in zip(_ranks(ordered), ordered, strict=True)]
         if scenario in (OVERALL, *TABLE_3):
             rows.append(_published(scenario, parts))
@@ -139,6 +139,15 @@ def _complete(entries: Sequence[Entry], scenarios: Sequence[str], track: str) ->
     return [[there[name] for name in scenarios] for there in agents.values() if all(name in there for name in scenarios)]
 
 
+def _together(group: Sequence[Entry], column: str) -> NDArray[np.float64]:
+    """Return an agent's mean over its scenarios, by number of episode.
+
+    Episodes of one number are drawn from one key: where the budget is long on one map, it is on all. They are not independent,
+    and count as one.
+    """
+    return np.mean([entry.values(column) for entry in group], axis=0)
+
+
 def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
     """Return the ranks of agents in the order of their means.
 
@@ -146,8 +155,8 @@ def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
     so any two whose difference is not significant share one.
     """
     pairs = list(itertools.combinations(range(len(ordered)), 2))
-    differences = [[a.values("cral") - b.values("cral") for a, b in zip(ordered[i], ordered[j], strict=True)] for i, j in pairs]
-    apart = dict(zip(pairs, significant([paired_p_value(each) for each in differences]), strict=True))
+    cral = [_together(group, "cral") for group in ordered]
+    apart = dict(zip(pairs, significant([paired_p_value(cral[i] - cral[j]) for i, j in pairs]), strict=True))
     ranks: list[int] = []
     for k in range(len(ordered)):
         splits = all(apart[i, j] for i in range(k) for j in range(k, len(ordered)))
@@ -158,9 +167,8 @@ def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
 def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
     """Return the row of an agent: the mean over its scenarios."""
     first = group[0].submission.manifest
-    cral = [entry.values("cral") for entry in group]
     again = [entry.rerun_episodes for entry in group]
-    count = [len(values) for values in cral]
+    count = [len(entry.table) for entry in group]
     known = [gaps_of(entry.submission.scenario, entry.table) for entry in group]
     return Row(
         scenario=scenario,
@@ -173,11 +181,11 @@ def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
         tier="rerun" if again == count else "replayed",
         rerun_episodes=sum(again),
         episodes=sum(count),
-        landed=proportion_interval(np.concatenate([entry.values("landed") > 0 for entry in group])),
-        cr=stratified_interval([entry.values("cr") for entry in group]),
-        cral=stratified_interval(cral),
-        iqm=interquartile_mean(np.concatenate(cral)),
-        steps=float(np.mean([entry.values("steps").mean() for entry in group])),
+        landed=proportion_interval(_together(group, "landed")),
+        cr=mean_interval(_together(group, "cr")),
+        cral=mean_interval(_together(group, "cral")),
+        iqm=interquartile_mean(np.concatenate([entry.values("cral") for entry in group])),
+        steps=float(_together(group, "steps").mean()),
         decisions_per_second=_harmonic([entry.submission.manifest.result.decisions_per_second for entry in group]),
         gap_to_best=_mean([each and each.to_best and each.to_best.mean for each in known]),
         gap_to_bound=_mean([each and each.to_bound and each.to_bound.mean for each in known]),

@@ -125,7 +125,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     const dark = matchMedia("(prefers-color-scheme: dark)").matches;
     const now = document.documentElement.dataset.theme || (dark ? "dark" : "light");
     document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
-    Viewer.draw();
+    Viewer.repaint();
   });
   show();
 })();

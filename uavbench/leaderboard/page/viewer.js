@@ -10,24 +10,25 @@ const Viewer = (() => {
   };
   const SERVED = ["#d97706", "#2563eb", "#9333ea", "#0d9488", "#dc2626", "#65a30d", "#db2777", "#0891b2", "#a16207", "#4f46e5"];
   const scenarios = new Map(), flights = new Map();
-  let panes = [], time = 0, timer = null;
+  let panes = [], time = 0, timer = null, opener = null;
 
   const theme = () => document.documentElement.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 
   async function scenario(id) {
     if (!scenarios.has(id)) {
       const told = DATA.scenarios[id];
-      scenarios.set(id, { ...told, quantile: DATA.quantile, city: new World.City(told.rows), episodes: await World.unpackAll(told.episodes) });
+      const columns = Object.fromEntries(Object.entries(told.episodes).map(([name, k]) => [name, DATA.columns[k]]));
+      scenarios.set(id, { ...told, quantile: DATA.quantile, city: new World.City(told.rows), episodes: await World.unpackAll(columns) });
     }
     return scenarios.get(id);
   }
 
   async function flight(name) {
     if (!flights.has(name)) {
-      const { lengths, actions, cral } = await World.unpackAll(DATA.flights[name]);
+      const { picks, ...packed } = DATA.flights[name], { lengths, actions } = await World.unpackAll(packed);
       const offsets = [0];
       for (const length of lengths.values) offsets.push(offsets.at(-1) + length);
-      flights.set(name, { offsets, actions: actions.values, cral: cral.values, episodes: lengths.values.length });
+      flights.set(name, { offsets, actions: actions.values, picks, episodes: lengths.values.length });
     }
     return flights.get(name);
   }
@@ -43,6 +44,7 @@ const Viewer = (() => {
 
   // Open the viewer with an entry, on the scenario of the table or the first that it has flown.
   async function open(entry, where) {
+    opener = title(entry);
     fill(find("first"), agents(), entry, title);
     fill(find("where"), flown(entry), where);
     others("");
@@ -58,9 +60,8 @@ const Viewer = (() => {
   }
 
   async function pick(which) {
-    const { cral, episodes } = await flight(`${find("first").value}/${find("where").value}`);
-    const order = [...cral.keys()].sort((a, b) => cral[a] - cral[b] || a - b);
-    find("episode").value = order[{ worst: 0, median: Math.floor(episodes / 2), best: episodes - 1 }[which]];
+    const { picks } = await flight(`${find("first").value}/${find("where").value}`);
+    find("episode").value = picks[which];
     await load();
   }
 
@@ -73,10 +74,11 @@ const Viewer = (() => {
     const episode = Math.max(0, Math.min(most, Math.round(Number(find("episode").value)) || 0));
     find("episode").max = most;
     find("episode").value = episode;
+    find("many").textContent = (most + 1 < where.recorded ? `of the first ${(most + 1).toLocaleString("en")} of ` : "of ") + where.recorded.toLocaleString("en");
     panes = wanted.map((agent, k) => {
-      const { offsets, actions, cral } = data[k], most = where.uavs;
+      const { offsets, actions } = data[k], most = where.uavs;
       const taken = actions.subarray(offsets[episode] * most, offsets[episode + 1] * most);
-      return { agent, cral: cral[episode], flight: World.fly(where, where.episodes, episode, taken), scenario: where };
+      return { agent, flight: World.fly(where, where.episodes, episode, taken), scenario: where };
     });
     find("panes").replaceChildren(...panes.map((pane) => {
       pane.box = document.createElement("article");
@@ -120,6 +122,12 @@ const Viewer = (() => {
     timer = null;
     find("play").textContent = "▶";
     find("play").setAttribute("aria-label", "Play");
+  }
+
+  // After a change between light and dark.
+  function repaint() {
+    if (panes.length) legend(panes[0].scenario);
+    draw();
   }
 
   function draw() {
@@ -261,7 +269,8 @@ const Viewer = (() => {
   }
 
   function key(event) {
-    if (find("viewer").hidden || /^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) && event.target.id !== "time") return;
+    if (find("viewer").hidden || event.altKey || event.ctrlKey || event.metaKey) return; // those are the browser's
+    if (/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) && event.target.id !== "time") return;
     const does = {
       " ": () => (timer ? pause() : play()), ArrowLeft: () => { pause(); go(time - 1); }, ArrowRight: () => { pause(); go(time + 1); },
       Home: () => go(0), End: () => go(Infinity), Escape: close,
@@ -274,6 +283,8 @@ const Viewer = (() => {
   function close() {
     pause();
     find("viewer").hidden = true;
+    const rows = [...find("board").tBodies[0].rows], row = rows.find((each) => each.dataset.name === opener);
+    (row?.querySelector(".open") || find("search")).focus({ preventScroll: true });
     find("board").scrollIntoView({ block: "start" });
   }
 
@@ -294,5 +305,5 @@ const Viewer = (() => {
   for (const button of document.querySelectorAll("[data-pick]")) button.addEventListener("click", () => pick(button.dataset.pick));
   document.addEventListener("keydown", key);
 
-  return { open, draw, replayAll };
+  return { open, repaint, replayAll };
 })();
