@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from uavbench import load_scenario
@@ -155,3 +156,11 @@ def test_shipped_references_are_of_their_scenarios_and_hold_together():
                 assert k.proved_optimal == (k.best_known == k.upper_bound)
             else:
                 assert not k.proved_optimal
+
+
+def test_shipped_best_known_scores_are_those_of_the_submissions():
+    submissions = Path(__file__).parent.parent / "leaderboard" / "submissions"
+    for path in Path(scenario_paths()["Block8-CPP-v0"].parent, "reference").glob("*.csv"):
+        scores = [pd.read_csv(table)["cral"].to_numpy() for table in submissions.glob(f"*/{path.stem}/episodes.csv")]
+        known = load_reference(path, load_scenario(path.stem))
+        assert [known[number].best_known for number in range(1000)] == pytest.approx(np.max(scores, axis=0), abs=1e-6)
