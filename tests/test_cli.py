@@ -262,6 +262,32 @@ def test_freezes_a_users_own_scenario(call, tmp_path):
     assert frozen_columns(after, "test") is not None
 
 
+def test_freezing_writes_both_files_or_none(call, tmp_path):
+    shipped = uavbench.load_scenario("Block8-CPP-v0").path
+    text = shipped.read_text().split("[splits")[0].replace("Block8-CPP-v0", "Mine-v0")
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("maps/Block8.txt", str(shipped.parent / "maps" / "Block8.txt")))
+    (tmp_path / "episodes" / "Mine-v0-test.npz").mkdir(parents=True)
+    code, told = call("freeze", path)
+    assert (code, "Mine-v0-test.npz: cannot write it" in told) == (2, True), told
+    assert [each.name for each in (tmp_path / "episodes").iterdir()] == ["Mine-v0-test.npz"]
+
+
+def test_check_needs_no_more_episodes_than_there_are(call, tmp_path):
+    shipped = uavbench.load_scenario("Block8-CPP-v0").path
+    text = shipped.read_text().split("[splits")[0].replace("maps/Block8.txt", str(shipped.parent / "maps" / "Block8.txt"))
+    path = tmp_path / "mine.toml"
+    path.write_text(f"{text.replace('Block8-CPP-v0', 'Mine-v0')}\n[splits.validation]\nepisodes = 3\n")
+    code, told = call("check", "random", "--scenario", path)
+    assert code == 0, told
+
+
+def test_any_time_may_be_allowed(call, tmp_path):
+    words = ("--agent", "random", "--scenario", "Block8-CPP-v0", "--episodes", 2, "--out", tmp_path)
+    code, told = call("evaluate", *words, "--decision-timeout", "inf")
+    assert code == 0, told
+
+
 def test_help_and_import_leave_the_heavy_libraries_alone():
     code = (
         "import sys, uavbench, uavbench.cli; print([m for m in ('numba', 'pandas', 'matplotlib', 'torch') if m in sys.modules])"

@@ -1,41 +1,24 @@
 """Results on disk: whole or not at all, resumable, reproducible by anyone."""
 
 import json
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from running import AGENTS, N, files, job
 
 from uavbench import load_scenario
 from uavbench.agent import find_agent
-from uavbench.evaluate import NO_ACTION, AgentError, Job
+from uavbench.evaluate import NO_ACTION
 from uavbench.metrics import summarise
 from uavbench.replay import compare_results, replay
 from uavbench.results import COLUMNS, ResultError, load_result
 from uavbench.run import jobs, run
 
-AGENTS = Path(__file__).parent / "agents.py"
-N = 20
-
-
-def job(name="One", scenario="Block8-DH-v0", **changes):
-    source = find_agent(name if name in ("random", "greedy") else f"{AGENTS}:{name}")
-    return Job(source, load_scenario(scenario), "test", **changes)
-
 
 @pytest.fixture
 def result(tmp_path):
     return run(job(), N, tmp_path)
-
-
-def files(folder):
-    """The files that a result is, without what tells the time."""
-    summary = json.loads((folder / "summary.json").read_text())
-    for name in ("wall_time", "decisions_per_second", "workers"):
-        del summary[name]
-    return summary, (folder / "episodes.csv").read_bytes(), (folder / "actions.npz").read_bytes()
 
 
 def test_a_result_is_three_files_in_their_place(result, tmp_path):
@@ -239,80 +222,6 @@ def test_a_missing_or_damaged_file_is_refused(result, name):
     (result.folder / name).unlink()
     with pytest.raises(ResultError, match=name):
         load_result(result.folder)
-
-
-def interrupt(out, stopped, episodes=N, workers=1):
-    """Run until the agent fails or is interrupted in episode 3."""
-    with pytest.raises((AgentError, KeyboardInterrupt)):
-        run(stopped, episodes, out, workers=workers)
-
-
-@pytest.fixture
-def stoppable(tmp_path):
-    """An agent that stops at episode 7 for as long as a file is there."""
-    stop = tmp_path / "stop"
-    stop.touch()
-    path = tmp_path / "mine.py"
-    path.write_text(
-        "import os, sys\n"
-        f"sys.path.insert(0, {str(AGENTS.parent)!r})\n"
-        "import agents\n"
-        "class Agent(agents.One):\n"
-        "    def act(self, observation, info):\n"
-        f"        if info['episode'] == 7 and os.path.exists({str(stop)!r}):\n"
-        "            raise WHAT\n"
-        "        return super().act(observation, info)\n"
-    )
-    return path, stop
-
-
-@pytest.mark.parametrize(("what", "workers"), [("KeyboardInterrupt", 1), ("ValueError('no')", 1), ("ValueError('no')", 2)])
-def test_an_interrupted_run_resumes_to_the_same_result(stoppable, tmp_path, what, workers):
-    path, stop = stoppable
-    path.write_text(path.read_text().replace("WHAT", what))
-    mine = Job(find_agent(str(path)), load_scenario("Block8-DH-v0"), "test")
-    interrupt(tmp_path / "broken", mine, workers=workers)
-    folder = tmp_path / "broken" / "Block8-DH-v0"
-    assert [found.name for found in folder.iterdir()] == ["mine.partial"]
-    with pytest.raises(ResultError, match=r"unfinished run of mine .* of 20 episodes done: finish it with --resume"):
-        run(mine, N, tmp_path / "broken")
-    stop.unlink()
-    seen = []
-    resumed = run(mine, N, tmp_path / "broken", resume=True, on_record=lambda r: seen.append(r.episode))
-    assert sorted(seen) == list(range(N))
-    whole = run(mine, N, tmp_path / "whole")
-    assert files(resumed.folder) == files(whole.folder)
-    assert [found.name for found in folder.iterdir()] == ["mine"]
-
-
-def test_a_run_does_not_resume_as_another(stoppable, tmp_path):
-    path, stop = stoppable
-    path.write_text(path.read_text().replace("WHAT", "ValueError('no')"))
-    scenario = load_scenario("Block8-DH-v0")
-    interrupt(tmp_path, Job(find_agent(str(path)), scenario, "test"))
-    stop.unlink()
-    for changed, episodes, name in (
-        (Job(find_agent(str(path)), scenario, "validation"), N, "split"),
-        (Job(find_agent(str(path)), scenario, "test"), N + 1, "episodes"),
-    ):
-        with pytest.raises(ResultError, match=f"its {name} is"):
-            run(changed, episodes, tmp_path, resume=True)
-    path.write_text(path.read_text() + "\n")
-    with pytest.raises(ResultError, match="its agent_sha256 is"):
-        run(Job(find_agent(str(path)), scenario, "test"), N, tmp_path, resume=True)
-    (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").write_bytes(b"PK\x03\x04 not it")
-    with pytest.raises(ResultError, match=r"records\.npz: damaged"):
-        run(Job(find_agent(str(path)), scenario, "test"), N, tmp_path, resume=True)
-
-
-def test_a_failed_run_leaves_the_earlier_result_alone(tmp_path):
-    good = run(job(), N, tmp_path)
-    before = files(good.folder)
-    bad = tmp_path / "Block8-DH-v0" / "agents.Raises"
-    shutil.copytree(good.folder, bad)
-    with pytest.raises(AgentError):
-        run(job("Raises"), N, tmp_path)
-    assert files(bad) == before
 
 
 def test_a_new_run_replaces_the_old_result(result, tmp_path):

@@ -184,6 +184,21 @@ def test_frozen_episodes_of_another_map_or_budget_are_refused(tmp_path):
                 Simulator(load_scenario(path), 1).reset([0], "test", [0])
 
 
+def test_frozen_episodes_of_another_mission_are_refused(tmp_path):
+    from uavbench.simulator import Simulator
+
+    names = ("Block8-CPP-v0", "Block8-DH-v0")
+    shutil.copytree(scenario_paths()[names[0]].parent, tmp_path / "scenarios")
+    texts = {name: (tmp_path / "scenarios" / f"{name}.toml").read_text() for name in names}
+    for name, other in (names, names[::-1]):
+        mission = texts[other][texts[other].index("[mission]") : texts[other].index("[splits")]
+        begin, end = texts[name].index("[mission]"), texts[name].index("[splits")
+        path = tmp_path / "scenarios" / "mine.toml"
+        path.write_text((texts[name][:begin] + mission + texts[name][end:]).replace(f'id = "{name}"', 'id = "Mine-v0"'))
+        with pytest.raises(ScenarioError, match=r"splits\.test\.file: its episodes do not fit"):
+            Simulator(load_scenario(path), 1).reset([0], "test", [0])
+
+
 @pytest.mark.parametrize(("old", "new"), [("[1, 3]", "[1, 4]"), ("uavs = [1, 3]\n", "")])
 def test_frozen_episodes_of_other_teams_are_refused(tmp_path, old, new):
     from uavbench.simulator import Simulator

@@ -36,9 +36,10 @@ def alarm() -> Generator[None]:
 
 
 _armed = False
+_LONGEST = 1e9  # seconds: the timer takes no infinity
 
 
 def set_alarm(seconds: float | None) -> None:
     """Raise `TimeUpError` after ``seconds``; None for never."""
     if _armed:
-        signal.setitimer(signal.ITIMER_REAL, seconds or 0)
+        signal.setitimer(signal.ITIMER_REAL, min(seconds or 0, _LONGEST))

@@ -43,8 +43,9 @@ def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS, decis
         scenario = load_scenario(name)
         try:
             job = Job(source, scenario, "validation", decision_timeout, batch_size=_EPISODES)
-            first = _fly(job, range(_EPISODES))
-            again = _fly(replace(job, batch_size=7), range(_EPISODES - 1, -1, -1))
+            numbers = range(min(_EPISODES, scenario.splits.validation.episodes))
+            first = _fly(job, numbers)
+            again = _fly(replace(job, batch_size=7), numbers[::-1])
         except AgentError as error:
             raise AgentLoadError(_line(error)) from error
         for number, record in first.items():

@@ -131,7 +131,8 @@ def evaluate(
     decision_timeout: Annotated[float, typer.Option(help="Seconds that one decision may take.")] = 60.0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run; keep finished ones.")] = False,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace even a result of another split or of more episodes.")
+        bool,
+        typer.Option("--overwrite", help="Replace even a result, or an unfinished run, of another split or of more episodes."),
     ] = False,
 ) -> None:
     """Score an agent over a split's episodes.

@@ -1,11 +1,12 @@
 """Freezing the validation and test episodes of a scenario in files."""
 
 import hashlib
+from pathlib import Path
 
 import numpy as np
 
 from uavbench.episode import Columns, episode_keys, split_size
-from uavbench.files import pack_arrays, write_whole
+from uavbench.files import pack_arrays, write_together
 from uavbench.scenario import Scenario, ScenarioError, SplitName
 from uavbench.simulator import Simulator
 
@@ -32,7 +33,7 @@ def freeze(scenario: Scenario) -> str:
     Raises
     ------
     ScenarioError
-        When they are frozen already.
+        When they are frozen already, or cannot be written: nothing is written then.
     """
     for split in FROZEN_SPLITS:
         if getattr(scenario.splits, split).file is not None:
@@ -41,10 +42,11 @@ def freeze(scenario: Scenario) -> str:
                 "for another, change the id and remove the [splits] that name files"
             )
     lines: list[str] = []
+    contents: dict[Path, bytes] = {}
     for split in FROZEN_SPLITS:
         content = pack_arrays(draw(scenario, split))  # uncompressed: compressors differ between machines
         name = f"episodes/{scenario.id}-{split}.npz"
-        write_whole(scenario.path.parent / name, content)
+        contents[scenario.path.parent / name] = content
         lines += [
             f"[splits.{split}]",
             f"episodes = {split_size(scenario, split)}",
@@ -52,4 +54,8 @@ def freeze(scenario: Scenario) -> str:
             f'sha256 = "{hashlib.sha256(content).hexdigest()}"',
             "",
         ]
+    try:
+        write_together(contents)
+    except OSError as error:
+        raise ScenarioError(f"{error.filename}: cannot write it: {error.strerror}") from None
     return "\n".join(lines)

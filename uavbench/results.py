@@ -244,7 +244,20 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
 
 
 def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
-    """Write a result's files beside ``folder`` and then put them in its place, all at once."""
+    """Write a result's files beside ``folder`` and then put them in its place, all at once.
+
+    Raises
+    ------
+    ResultError
+        When they cannot be written; what was there stays.
+    """
+    try:
+        return _publish(folder, job, records, wall_time, workers)
+    except OSError as error:
+        raise ResultError(f"--out: cannot write {error.filename or folder}: {error.strerror}") from None
+
+
+def _publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
     decisions = sum(record.steps for record in records)
     shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
     summary: dict[str, Any] = {

@@ -96,7 +96,7 @@ def run(
     resume : bool
         Go on from an interrupted run; there need not be one. A finished one is returned as it is.
     overwrite : bool
-        Replace a finished result even by one of another split or of fewer episodes.
+        Replace a finished result even by one of another split or of fewer episodes, and an interrupted run by one of others.
     on_start : callable
         Called once, when all is checked and the first episode is about to be flown.
     on_record : callable
@@ -106,7 +106,8 @@ def run(
     ------
     ResultError
         When ``out`` cannot be written, when an interrupted run is there and ``resume`` is not given or it is of something
-        else, or when a finished result of another split or of more episodes is there and ``overwrite`` is not given.
+        else, when a finished result of another split or of more episodes, or an interrupted one of others, is there and
+        ``overwrite`` is not given, or when the agent's weights have changed meanwhile.
     AgentError, KeyboardInterrupt
         When the agent fails or the user interrupts; what was finished is kept.
     """
@@ -114,7 +115,7 @@ def run(
     sought = identity(job, episodes)
     _check_writable(folder.parent)
     partial = _Partial(folder.with_name(folder.name + ".partial"), sought)
-    records, spent = partial.load(resume)
+    records, spent = partial.load(resume, overwrite)
     finished = _finished(folder)
     if finished and resume and not records and all(finished.summary.get(name) == value for name, value in sought.items()):
         return finished
@@ -136,6 +137,8 @@ def run(
                 partial.save(records, spent + time.perf_counter() - started)
                 saved = time.perf_counter()
         wall_time = spent + time.perf_counter() - started
+        if identity(job, episodes) != sought:
+            raise ResultError(f"{job.source.name}: its weights changed while it flew: copy them, and start over")
         result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
     except BaseException as error:
         partial.save(records, spent + time.perf_counter() - started)
@@ -178,7 +181,7 @@ class _Partial:
         self._path = folder / "records.npz"
         self._identity = identity
 
-    def load(self, resume: bool) -> tuple[dict[int, EpisodeRecord], float]:
+    def load(self, resume: bool, overwrite: bool) -> tuple[dict[int, EpisodeRecord], float]:
         """Return the finished records and the time they took."""
         if not self._path.is_file():
             return {}, 0.0
@@ -188,19 +191,25 @@ class _Partial:
             parts = np.split(columns["actions"], np.cumsum(columns["lengths"])[:-1])
         except (OSError, ValueError, KeyError) as error:
             raise ResultError(f"{self._path}: damaged ({error}); delete its folder to start over") from None
+        differ = {name for name, value in self._identity.items() if identity.get(name) != value}
         where = f"{self._path.parent} holds an unfinished run of {identity['agent']} on {identity['scenario']}"
-        if not resume and identity != self._identity:
-            return {}, 0.0  # an agent or scenario edited since, or another number of episodes: a new run
+        if not resume and (differ - {"split", "episodes"} or (differ and overwrite)):
+            return {}, 0.0  # an agent or scenario edited since: a new run
+        if not resume and differ:
+            raise ResultError(
+                f"{where}, {len(columns['episode'])} of {identity['episodes']} {identity['split']} episodes done: "
+                "finish it first, give another --out, or --overwrite"
+            )
         if not resume:
             raise ResultError(
                 f"{where}, {len(columns['episode'])} of {identity['episodes']} episodes done: "
                 "finish it with --resume, or delete the folder to start over"
             )
-        for name, value in self._identity.items():
-            if identity.get(name) != value:
+        for name in self._identity:
+            if name in differ:
                 raise ResultError(
-                    f"{where}, but its {name} is {_short(identity.get(name))}, not {_short(value)}: "
-                    "run without --resume to start over"
+                    f"{where}, but its {name} is {_short(identity.get(name))}, not {_short(self._identity[name])}: "
+                    "run without --resume, with --overwrite, to start over"
                 )
         names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
         rows = zip(*(columns[name].tolist() for name in names), strict=True)

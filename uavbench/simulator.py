@@ -148,8 +148,10 @@ class Simulator:
             When a value does not fit the scenario. Nothing is changed then.
         """
         noise = read_noise(options)
-        if {"num_uavs", "start", "budget", self.mission.option} & options.keys():
+        changed = {"num_uavs", "start", "budget", self.mission.option} & options.keys()
+        if changed:
             self._restore(np.array([i]), self._parse(i, options))
+        if changed or not noise:
             self._splits[i], self._numbers[i] = _CUSTOM, -1
         self.state.noise[i] = noise
 

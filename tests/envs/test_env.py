@@ -200,6 +200,13 @@ def test_noise_can_be_switched_off_for_an_episode():
     assert len(set(rewards(noise=False))) < len(set(rewards()))
 
 
+def test_an_episode_without_its_noise_is_not_that_episode():
+    env = UAVEnv("Block8-DH-v0")
+    for noise, named in ((True, ("test", 2)), (False, ("custom", -1))):
+        _, info = env.reset(options={"split": "test", "episode": 2, "noise": noise})
+        assert (info["split"], info["episode_number"]) == named
+
+
 def test_the_same_episode_has_the_same_noise_whatever_was_flown_before():
     env = UAVEnv("Manhattan32-DH-v0")
     options = {"split": "test", "episode": 2}

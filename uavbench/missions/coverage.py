@@ -64,6 +64,8 @@ class CoverageMission:
 
     def fits(self, columns: Columns) -> bool:
         """Say whether frozen columns can be of this scenario: a bit for every cell, none on a building."""
+        if "targets" not in columns:
+            return False
         cells = self._city.building.size
         targets = columns["targets"]
         if targets.shape[1] != (cells + 7) // 8:

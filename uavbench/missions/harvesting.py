@@ -118,6 +118,8 @@ class HarvestingMission:
 
     def fits(self, columns: Columns) -> bool:
         """Say whether frozen columns can be of this scenario: devices where they may be, with data in its range."""
+        if not {"device_count", "device_cell", "device_data"} <= columns.keys():
+            return False
         low, high = self._parameters.data
         (fewest, most), (rows, cols) = self._parameters.devices, self._city.shape
         there = np.arange(most) < columns["device_count"][:, None]

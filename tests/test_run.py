@@ -1,0 +1,131 @@
+"""Runs: interrupted ones end in the same result, and nothing that was flown is lost."""
+
+import shutil
+from dataclasses import replace
+
+import pytest
+from running import AGENTS, N, files, job
+
+from uavbench import load_scenario
+from uavbench.agent import find_agent
+from uavbench.evaluate import AgentError, Job
+from uavbench.results import ResultError
+from uavbench.run import run
+
+
+def interrupt(out, stopped, episodes=N, workers=1):
+    """Run until the agent fails or is interrupted in episode 3."""
+    with pytest.raises((AgentError, KeyboardInterrupt)):
+        run(stopped, episodes, out, workers=workers)
+
+
+@pytest.fixture
+def stoppable(tmp_path):
+    """An agent that stops at episode 7 for as long as a file is there."""
+    stop = tmp_path / "stop"
+    stop.touch()
+    path = tmp_path / "mine.py"
+    path.write_text(
+        "import os, sys\n"
+        f"sys.path.insert(0, {str(AGENTS.parent)!r})\n"
+        "import agents\n"
+        "class Agent(agents.One):\n"
+        "    def act(self, observation, info):\n"
+        f"        if info['episode'] == 7 and os.path.exists({str(stop)!r}):\n"
+        "            raise WHAT\n"
+        "        return super().act(observation, info)\n"
+    )
+    return path, stop
+
+
+@pytest.mark.parametrize(("what", "workers"), [("KeyboardInterrupt", 1), ("ValueError('no')", 1), ("ValueError('no')", 2)])
+def test_an_interrupted_run_resumes_to_the_same_result(stoppable, tmp_path, what, workers):
+    path, stop = stoppable
+    path.write_text(path.read_text().replace("WHAT", what))
+    mine = Job(find_agent(str(path)), load_scenario("Block8-DH-v0"), "test")
+    interrupt(tmp_path / "broken", mine, workers=workers)
+    folder = tmp_path / "broken" / "Block8-DH-v0"
+    assert [found.name for found in folder.iterdir()] == ["mine.partial"]
+    with pytest.raises(ResultError, match=r"unfinished run of mine .* of 20 episodes done: finish it with --resume"):
+        run(mine, N, tmp_path / "broken")
+    stop.unlink()
+    seen = []
+    resumed = run(mine, N, tmp_path / "broken", resume=True, on_record=lambda r: seen.append(r.episode))
+    assert sorted(seen) == list(range(N))
+    whole = run(mine, N, tmp_path / "whole")
+    assert files(resumed.folder) == files(whole.folder)
+    assert [found.name for found in folder.iterdir()] == ["mine"]
+
+
+def test_a_run_does_not_resume_as_another(stoppable, tmp_path):
+    path, stop = stoppable
+    path.write_text(path.read_text().replace("WHAT", "ValueError('no')"))
+    scenario = load_scenario("Block8-DH-v0")
+    interrupt(tmp_path, Job(find_agent(str(path)), scenario, "test"))
+    stop.unlink()
+    for changed, episodes, name in (
+        (Job(find_agent(str(path)), scenario, "validation"), N, "split"),
+        (Job(find_agent(str(path)), scenario, "test"), N + 1, "episodes"),
+    ):
+        with pytest.raises(ResultError, match=f"its {name} is"):
+            run(changed, episodes, tmp_path, resume=True)
+    path.write_text(path.read_text() + "\n")
+    with pytest.raises(ResultError, match="its agent_sha256 is"):
+        run(Job(find_agent(str(path)), scenario, "test"), N, tmp_path, resume=True)
+    (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").write_bytes(b"PK\x03\x04 not it")
+    with pytest.raises(ResultError, match=r"records\.npz: damaged"):
+        run(Job(find_agent(str(path)), scenario, "test"), N, tmp_path, resume=True)
+
+
+def test_another_run_does_not_replace_an_unfinished_one(stoppable, tmp_path):
+    path, stop = stoppable
+    path.write_text(path.read_text().replace("WHAT", "ValueError('no')"))
+    mine, scenario = Job(find_agent(str(path)), load_scenario("Block8-DH-v0"), "test"), load_scenario("Block8-DH-v0")
+    interrupt(tmp_path, mine)
+    stop.unlink()
+    kept = (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").read_bytes()
+    for changed, episodes in ((replace(mine, split="validation"), N), (mine, 5)):
+        with pytest.raises(ResultError, match=r"of 20 test episodes done: finish it first, give another --out, or --overwrite"):
+            run(changed, episodes, tmp_path)
+        assert (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").read_bytes() == kept
+    assert run(mine, 5, tmp_path, overwrite=True).summary["episodes"] == 5
+    interrupted_again = path.read_text() + "\n"
+    path.write_text(interrupted_again)  # an agent that was edited since starts anew
+    assert run(Job(find_agent(str(path)), scenario, "test"), N, tmp_path).summary["episodes"] == N
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_agent_whose_weights_change_while_it_flies_has_no_result(tmp_path, workers):
+    weights = tmp_path / "weights"
+    weights.write_text("4")
+    (tmp_path / "mine.py").write_text(
+        "from pathlib import Path\nclass Agent:\n    def __init__(self, scenario, weights):\n"
+        "        self.action = int(Path(weights).read_text())\n"
+        "    def act(self, observation, info):\n        return self.action\n"
+    )
+    mine = Job(find_agent(str(tmp_path / "mine.py"), weights), load_scenario("Block8-DH-v0"), "test")
+
+    def edit(record):
+        weights.write_text("5")
+
+    with pytest.raises(ResultError, match="weights changed while it flew"):
+        run(mine, N, tmp_path / "out", workers=workers, on_record=edit)
+    assert not list(tmp_path.glob("out/*/*/summary.json"))
+
+
+def test_a_result_that_cannot_be_written_is_said(tmp_path):
+    folder = tmp_path / "Block8-DH-v0"
+    folder.mkdir()
+    (folder / f".{job().source.name}.new").write_text("in the way")
+    with pytest.raises(ResultError, match=r"--out: cannot write .*new: File exists"):
+        run(job(), N, tmp_path)
+
+
+def test_a_failed_run_leaves_the_earlier_result_alone(tmp_path):
+    good = run(job(), N, tmp_path)
+    before = files(good.folder)
+    bad = tmp_path / "Block8-DH-v0" / "agents.Raises"
+    shutil.copytree(good.folder, bad)
+    with pytest.raises(AgentError):
+        run(job("Raises"), N, tmp_path)
+    assert files(bad) == before
