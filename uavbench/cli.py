@@ -132,7 +132,7 @@ def evaluate(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run; keep finished ones.")] = False,
     overwrite: Annotated[
         bool,
-        typer.Option("--overwrite", help="Replace even a result, or an unfinished run, of another split or of more episodes."),
+        typer.Option("--overwrite", help="Replace even a result, or a begun run, of another split or of more episodes."),
     ] = False,
 ) -> None:
     """Score an agent over a split's episodes.
