@@ -1,8 +1,6 @@
 """Shared by all tests."""
 
 import os
-import sys
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -11,8 +9,6 @@ from uavbench import load_scenario
 from uavbench.agent import find_agent
 from uavbench.evaluate import Job
 from uavbench.run import run
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 settings.register_profile("uavbench", deadline=None)  # the first example of a test may compile kernels
 os.environ["SDL_VIDEODRIVER"] = "dummy"  # windows open nowhere

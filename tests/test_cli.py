@@ -99,7 +99,7 @@ def test_help_has_examples_for_every_command(call):
         (["new", "no/such/folder.py"], "cannot write it"),
         (["new", "my_agent"], "end in .py"),
         (["evaluate", "--agent", "random", "--decision-timeout", "0"], "--decision-timeout: 0 s is not above 0"),
-        (["evaluate", "--agent", "random", "--out", __file__], "--out: cannot write to"),
+        (["evaluate", "--agent", "random", "--out", __file__], "--out: cannot write"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_status_2(call, words, message):

@@ -242,7 +242,7 @@ def test_what_was_flown_is_kept_when_it_cannot_be_published(tmp_path, monkeypatc
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("uavbench.run.publish", full_disk)
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(ResultError, match=r"--out: cannot write .*agents.One: No space"):
         run(job(), N, tmp_path)
     monkeypatch.undo()
     flown = []

@@ -121,6 +121,31 @@ def test_a_result_that_cannot_be_written_is_said(tmp_path):
         run(job(), N, tmp_path)
 
 
+@pytest.mark.parametrize("seconds", [0, 60])
+def test_a_disk_that_fills_up_meanwhile_is_said_and_what_was_kept_before_stays(tmp_path, monkeypatch, stoppable, seconds):
+    def full(path, content):
+        raise OSError(28, "No space left on device", str(path))
+
+    path, stop = stoppable
+    path.write_text(path.read_text().replace("WHAT", "ValueError"))
+    mine = Job(find_agent(str(path)), load_scenario("Block8-DH-v0"), "test")
+    interrupt(tmp_path, mine)
+    partial = tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz"
+    kept = partial.read_bytes()
+    monkeypatch.setattr("uavbench.run.write_whole", full)
+    monkeypatch.setattr("uavbench.run._CHECKPOINT_SECONDS", seconds)
+    if seconds:  # the agent fails, and what it did cannot be kept: both are said
+        with pytest.raises(AgentError, match="episode 7") as told:
+            run(mine, N, tmp_path, resume=True)
+    else:
+        stop.unlink()
+        with pytest.raises(ResultError, match=r"--out: cannot write .*records\.npz: No space") as told:
+            run(mine, N, tmp_path, resume=True)
+    said = "\n".join([str(told.value), *getattr(told.value, "__notes__", [])])
+    assert (said.count("records.npz: No space left"), "are kept" in said) == (1, False)
+    assert partial.read_bytes() == kept
+
+
 def test_a_failed_run_leaves_the_earlier_result_alone(tmp_path):
     good = run(job(), N, tmp_path)
     before = files(good.folder)

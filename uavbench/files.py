@@ -6,6 +6,7 @@ import io
 import math
 import os
 import shutil
+import tempfile
 import tokenize
 import zipfile
 import zlib
@@ -69,6 +70,17 @@ def _read_array(table: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(rest):
         raise ValueError(f"{member.filename}: says shape {shape} of {dtype}, holds {len(rest)} bytes")
     return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran_order else "C").copy()
+
+
+def check_writable(folder: Path) -> None:
+    """Make a folder if need be, and raise the OSError that writing into it would, before the work is done."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        error.filename = str(folder)  # not the name of a file that nobody asked for
+        raise
 
 
 def write_whole(path: Path, content: bytes) -> None:

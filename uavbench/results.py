@@ -248,16 +248,9 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
 
     Raises
     ------
-    ResultError
+    OSError
         When they cannot be written; what was there stays.
     """
-    try:
-        return _publish(folder, job, records, wall_time, workers)
-    except OSError as error:
-        raise ResultError(f"--out: cannot write {error.filename or folder}: {error.strerror}") from None
-
-
-def _publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
     decisions = sum(record.steps for record in records)
     shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
     summary: dict[str, Any] = {

@@ -4,11 +4,11 @@ What is finished is kept in ``<agent>.partial`` beside the result's folder; `run
 in the same result as a run that was not interrupted.
 """
 
+import contextlib
 import json
 import shutil
-import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ import numpy as np
 
 from uavbench.agent import AgentSource
 from uavbench.episode import check_split, split_size
-from uavbench.evaluate import AgentError, EpisodeRecord, Job, evaluate
-from uavbench.files import pack_arrays, unpack_arrays, write_whole
+from uavbench.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.files import check_writable, pack_arrays, unpack_arrays, write_whole
 from uavbench.resources import scenario_paths
 from uavbench.results import Result, ResultError, identity, load_result, publish
 from uavbench.scenario import load_scenario
@@ -113,7 +113,8 @@ def run(
     """
     folder = out / job.scenario.id / job.source.name
     sought = identity(job, episodes)
-    _check_writable(folder.parent)
+    with _saying_where(folder.parent):
+        check_writable(folder.parent)
     partial = _Partial(folder.with_name(folder.name + ".partial"), sought)
     records, spent = partial.load(resume, overwrite)
     finished = _finished(folder)
@@ -138,26 +139,30 @@ def run(
                 saved = time.perf_counter()
         wall_time = spent + time.perf_counter() - started
         if identity(job, episodes) != sought:
-            raise ResultError(f"{job.source.name}: its weights changed while it flew: copy them, and start over")
-        result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
+            raise ResultError(f"{job.source.name}: its weights changed while it flew: copy them, and --overwrite this")
+        with _saying_where(folder):
+            result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
     except BaseException as error:
-        partial.save(records, spent + time.perf_counter() - started)
-        if records:
-            only = ", if the agent's file is unchanged" if isinstance(error, AgentError) else ""
-            error.add_note(f"finished episodes are kept in {out}; --resume goes on{only}")
+        try:
+            partial.save(records, spent + time.perf_counter() - started)
+        except ResultError as full:
+            if str(full) != str(error):
+                error.add_note(str(full))
+        else:
+            if records:
+                error.add_note(f"finished episodes are kept in {out}; --resume goes on, if the agent's files are as they were")
         raise
     partial.remove()
     return result
 
 
-def _check_writable(folder: Path) -> None:
-    """Refuse a folder that cannot be written before anything is flown."""
+@contextlib.contextmanager
+def _saying_where(folder: Path) -> Generator[None]:
+    """Say that it is ``--out`` that cannot be written."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+        yield
     except OSError as error:
-        raise ResultError(f"--out: cannot write to {folder}: {error.strerror}") from None
+        raise ResultError(f"--out: cannot write {error.filename or folder}: {error.strerror}") from None
 
 
 def _finished(folder: Path) -> Result | None:
@@ -229,7 +234,8 @@ class _Partial:
         columns["lengths"] = np.array([len(record.actions) for record in done])
         columns["identity"] = np.array(json.dumps(self._identity))
         columns["spent"] = np.array(spent)
-        write_whole(self._path, pack_arrays(columns))
+        with _saying_where(self._path):
+            write_whole(self._path, pack_arrays(columns))
 
     def remove(self) -> None:
         """Forget the unfinished run: it is finished."""

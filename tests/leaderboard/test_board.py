@@ -358,7 +358,7 @@ def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submis
     path.rmdir()
     with monkeypatch.context() as patch:
         patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))
-        patch.setattr("uavbench.leaderboard.reruns.TemporaryFile", lambda **where: _full())
+        patch.setattr("uavbench.files.tempfile.TemporaryFile", lambda **where: _full())
         told = uavbench(*words)
         assert (told.exit_code, "reruns.csv: No space left" in told.output) == (1, True), told.output
     monkeypatch.setattr("uavbench.leaderboard.reruns.write_whole", _full)

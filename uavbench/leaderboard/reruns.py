@@ -10,13 +10,12 @@ import io
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from tempfile import TemporaryFile
 
 import numpy as np
 
 from uavbench.agent import AgentSource
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.files import write_whole
+from uavbench.files import check_writable, write_whole
 from uavbench.leaderboard.submission import Submission, SubmissionError, check
 
 
@@ -79,8 +78,7 @@ def check_reruns(path: Path) -> None:
     """
     load_reruns(path)
     try:
-        with TemporaryFile(dir=path.parent):
-            pass
+        check_writable(path.parent)
     except OSError as error:
         raise SubmissionError(f"{path}: {error.strerror}") from None
 
