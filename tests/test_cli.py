@@ -98,7 +98,6 @@ def test_help_has_examples_for_every_command(call):
         (["freeze", "nowhere.toml"], "there is no such file"),
         (["new", "no/such/folder.py"], "cannot write it"),
         (["new", "my_agent"], "end in .py"),
-        (["evaluate", "--agent", "random", "--decision-timeout", "0"], "--decision-timeout: 0 s is not above 0"),
         (["evaluate", "--agent", "random", "--out", __file__], "--out: cannot write"),
     ],
 )
@@ -280,6 +279,14 @@ def test_check_needs_no_more_episodes_than_there_are(call, tmp_path):
     path.write_text(f"{text.replace('Block8-CPP-v0', 'Mine-v0')}\n[splits.validation]\nepisodes = 3\n")
     code, told = call("check", "random", "--scenario", path)
     assert code == 0, told
+
+
+@pytest.mark.parametrize("words", [("check", "random"), ("evaluate", "--agent", "random")])
+@pytest.mark.parametrize("seconds", ["0", "-1", "nan"])
+def test_no_time_at_all_is_refused(call, words, seconds):
+    code, told = call(*words, "--decision-timeout", seconds)
+    assert (code, "'--decision-timeout'" in told) == (2, True), told
+    assert not Path("results").exists()
 
 
 def test_any_time_may_be_allowed(call, tmp_path):

@@ -80,7 +80,8 @@ def test_a_run_does_not_resume_as_another(stoppable, tmp_path):
 def test_another_run_does_not_replace_an_unfinished_one(stoppable, tmp_path):
     path, stop = stoppable
     path.write_text(path.read_text().replace("WHAT", "ValueError('no')"))
-    mine, scenario = Job(find_agent(str(path)), load_scenario("Block8-DH-v0"), "test"), load_scenario("Block8-DH-v0")
+    scenario = load_scenario("Block8-DH-v0")
+    mine = Job(find_agent(str(path)), scenario, "test")
     interrupt(tmp_path, mine)
     stop.unlink()
     kept = (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").read_bytes()
@@ -89,9 +90,19 @@ def test_another_run_does_not_replace_an_unfinished_one(stoppable, tmp_path):
             run(changed, episodes, tmp_path)
         assert (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").read_bytes() == kept
     assert run(mine, 5, tmp_path, overwrite=True).summary["episodes"] == 5
-    interrupted_again = path.read_text() + "\n"
-    path.write_text(interrupted_again)  # an agent that was edited since starts anew
-    assert run(Job(find_agent(str(path)), scenario, "test"), N, tmp_path).summary["episodes"] == N
+
+
+def test_an_agent_that_was_edited_since_it_was_interrupted_starts_over(stoppable, tmp_path):
+    path, stop = stoppable
+    path.write_text(path.read_text().replace("WHAT", "ValueError('no')"))
+    scenario = load_scenario("Block8-DH-v0")
+    interrupt(tmp_path, Job(find_agent(str(path)), scenario, "test"))
+    stop.unlink()
+    path.write_text(path.read_text() + "\n")
+    flown = []
+    run(Job(find_agent(str(path)), scenario, "test"), N, tmp_path, on_record=lambda record: flown.append(record.episode))
+    assert sorted(flown) == list(range(N))
+    assert [found.name for found in (tmp_path / scenario.id).iterdir()] == ["mine"]
 
 
 @pytest.mark.parametrize("workers", [1, 2])

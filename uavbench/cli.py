@@ -128,7 +128,7 @@ def evaluate(
     ] = None,
     out: Annotated[Path, typer.Option(help="Where results go.")] = Path("results"),
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
-    decision_timeout: Annotated[float, typer.Option(help="Seconds that one decision may take.")] = 60.0,
+    decision_timeout: DecisionTimeout = 60.0,
     resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run; keep finished ones.")] = False,
     overwrite: Annotated[
         bool,

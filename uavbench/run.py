@@ -43,15 +43,13 @@ def jobs(
     Raises
     ------
     ScenarioError, ResultError
-        When a scenario, the split or the number of episodes does not exist, or the timeout is not above 0.
+        When a scenario, the split or the number of episodes does not exist.
     AgentLoadError
         When the agent cannot be loaded.
     """
     planned: list[tuple[Job, int]] = []
     names = [each for name in scenarios or [source.trained_on] for each in (scenario_paths() if name == "all" else [name])]
     source.load()
-    if decision_timeout is not None and not decision_timeout > 0:
-        raise ResultError(f"--decision-timeout: {decision_timeout:g} s is not above 0")
     for name in dict.fromkeys(names):
         scenario = load_scenario(name)
         declined = source.declines(scenario) if scenarios and name not in scenarios else None
@@ -139,7 +137,7 @@ def run(
                 saved = time.perf_counter()
         wall_time = spent + time.perf_counter() - started
         if identity(job, episodes) != sought:
-            raise ResultError(f"{job.source.name}: its weights changed while it flew: copy them, and --overwrite this")
+            raise ResultError(f"{job.source.name}: its weights changed while it flew: copy them, and start over")
         with _saying_where(folder):
             result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
     except BaseException as error:

@@ -114,9 +114,9 @@ def fly_again(
     submission: Submission,
     source: AgentSource,
     episodes: int,
-    workers: int = 1,
-    decision_timeout: float | None = 60.0,
-    on_record: Callable[[EpisodeRecord], None] = lambda record: None,
+    workers: int,
+    decision_timeout: float,
+    on_record: Callable[[EpisodeRecord], None],
 ) -> Rerun:
     """Execute the agent on the first episodes, and compare every action.
 
