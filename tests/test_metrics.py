@@ -17,6 +17,17 @@ def test_landed_has_wilsons_interval(successes, n):
     assert (found.low, found.high) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
 
 
+@pytest.mark.parametrize("n", [1, 60, 1234])
+def test_resamples_are_of_one_stream_however_they_are_drawn(n):
+    raw = np.random.PCG64(0).random_raw(10_000 * n).reshape(-1, n)
+    values = np.random.default_rng(1).random(n)
+    expected = np.quantile(values[((raw >> 32) * n) >> 32].mean(axis=1), (0.025, 0.975))
+    for _ in range(2):
+        found = mean_interval(values)
+        assert (found.low, found.high) == tuple(expected)
+        mean_interval(np.ones(700))
+
+
 def test_means_have_the_bootstrap_interval():
     found = mean_interval(CR)
     theirs = stats.bootstrap((CR,), np.mean, method="percentile", n_resamples=10_000, rng=1).confidence_interval

@@ -7,6 +7,7 @@ percentile bootstrap. Resampling is keyed, so that the same episodes give the sa
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
@@ -55,14 +56,17 @@ def mean_interval(values: NDArray[np.float64], confidence: float = CONFIDENCE) -
 def _resampled_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the means of 10,000 samples of ``values`` with replacement."""
     n = len(values)
-    bits = np.random.PCG64(0)  # raw bits: NumPy promises their stream, but not that of its distributions
-    means = np.empty(_RESAMPLES)
     size = max(1, _CHUNK // n)
-    for k in range(0, _RESAMPLES, size):
-        raw = bits.random_raw(min(size, _RESAMPLES - k) * n)
-        picks = ((raw >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)
-        means[k : k + size] = values[picks.reshape(-1, n)].mean(axis=1)
-    return means
+    chunks = ((k, min(size, _RESAMPLES - k)) for k in range(0, _RESAMPLES, size))
+    return np.concatenate([values.take(_picks(n, first, count), mode="clip").mean(axis=1) for first, count in chunks])
+
+
+@lru_cache(maxsize=_RESAMPLES * 1000 // _CHUNK)  # all resamples of a test split: 40 MB
+def _picks(n: int, first: int, count: int) -> NDArray[np.int32]:
+    """Return which of n values the resamples ``first`` to ``first`` + ``count`` − 1 are of: shape (``count``, n)."""
+    bits = np.random.PCG64(0).advance(first * n)  # raw bits: NumPy promises their stream, but not that of its distributions
+    raw = bits.random_raw(count * n)
+    return (((raw >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)).astype(np.int32).reshape(count, n)
 
 
 def interquartile_mean(values: NDArray[np.float64]) -> float:
