@@ -12,6 +12,7 @@ from typing import cast as _cast
 import gymnasium as _gymnasium
 import pettingzoo as _pettingzoo  # pyright: ignore[reportMissingTypeStubs]
 
+from uavbench.errors import UavbenchError
 from uavbench.resources import scenario_paths as _scenario_paths
 from uavbench.scenario import Scenario, ScenarioError, load_scenario
 
@@ -21,7 +22,16 @@ if TYPE_CHECKING:
     from uavbench.envs.parallel_env import UAVParallelEnv as _UAVParallelEnv
 
 __version__ = "0.1.0"
-__all__ = ["Scenario", "ScenarioError", "__version__", "aec_env", "load_scenario", "parallel_env", "scenario_ids"]
+__all__ = [
+    "Scenario",
+    "ScenarioError",
+    "UavbenchError",
+    "__version__",
+    "aec_env",
+    "load_scenario",
+    "parallel_env",
+    "scenario_ids",
+]
 
 
 def scenario_ids() -> list[str]:

@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import Any, Literal
 
 from uavbench import resources
+from uavbench.errors import UavbenchError
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, check_trained, load_weights, trained_on
 
@@ -24,7 +25,7 @@ Call = Literal["act", "act_batch", "act_team"]
 CALLS: tuple[Call, ...] = ("act", "act_batch", "act_team")
 
 
-class AgentLoadError(ValueError):
+class AgentLoadError(UavbenchError, ValueError):
     """An agent that cannot be loaded, or does not keep the contract; the message says what to change."""
 
 

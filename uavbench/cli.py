@@ -56,23 +56,24 @@ def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .
     """Show a scenario's parameters and map."""
     from rich.console import Console
 
-    from uavbench import ScenarioError, load_scenario
+    from uavbench import UavbenchError, load_scenario
     from uavbench.display import scenario_text
 
     try:
         Console(highlight=False, soft_wrap=True).print(scenario_text(load_scenario(scenario)))
-    except ScenarioError as error:
+    except UavbenchError as error:
         raise fail(error) from None
 
 
 @app.command(epilog="\b\nExample:\n  uavbench new my_agent.py")
 def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> None:
     """Write a template of an agent."""
-    from uavbench.agent import AgentLoadError, write_template
+    from uavbench import UavbenchError
+    from uavbench.agent import write_template
 
     try:
         write_template(path)
-    except AgentLoadError as error:
+    except UavbenchError as error:
         raise fail(error) from None
     typer.echo(f"wrote {path}; next:  uavbench check {path}")
 
@@ -89,13 +90,13 @@ def check(
 
     It is flown on Block8; what is wrong is said in one line.
     """
-    from uavbench import ScenarioError
-    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench import UavbenchError
+    from uavbench.agent import find_agent
     from uavbench.check import SCENARIOS, check_agent
 
     try:
         checked = check_agent(find_agent(agent), scenario or SCENARIOS, decision_timeout)
-    except (AgentLoadError, ScenarioError) as error:
+    except UavbenchError as error:
         raise fail(error, 1) from None
     scores = ", ".join(f"CRAL {100 * cral:.0f} % on {name}" for name, cral in checked.cral.items())
     typer.echo(f"{agent} keeps the contract: {checked.decisions_per_second:,.0f} decisions/s, {scores}")
@@ -142,12 +143,11 @@ def evaluate(
     """
     from rich.console import Console
 
-    from uavbench import ScenarioError
-    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench import UavbenchError
+    from uavbench.agent import find_agent
     from uavbench.display import episodes_progress, gaps_text, result_table
     from uavbench.evaluate import AgentError
     from uavbench.reference import gaps
-    from uavbench.results import ResultError
     from uavbench.run import jobs, run
 
     console = Console()
@@ -176,10 +176,10 @@ def evaluate(
                 highlight=False,
                 soft_wrap=True,
             )
-    except (AgentLoadError, ScenarioError, ResultError) as error:
-        raise fail(error) from None
     except AgentError as error:
         raise fail(error, 1) from None
+    except UavbenchError as error:
+        raise fail(error) from None
     except KeyboardInterrupt as error:
         error.args = ("interrupted",)
         raise fail(error, 1) from None
@@ -194,14 +194,13 @@ def replay(
 
     Every number must come out the same.
     """
-    from uavbench import ScenarioError
+    from uavbench import UavbenchError
     from uavbench.replay import replay as replay_result
-    from uavbench.results import ResultError
 
     try:
         result = flown(folder)
         wrong = replay_result(result, scenario)
-    except (ResultError, ScenarioError) as error:
+    except UavbenchError as error:
         raise fail(error) from None
     if wrong:
         more = f"\n… and {len(wrong) - 10} more" if len(wrong) > 10 else ""
@@ -217,14 +216,14 @@ def compare(first: ResultFolder, second: ResultFolder) -> None:
     """
     from rich.console import Console
 
+    from uavbench import UavbenchError
     from uavbench.display import comparison_table
     from uavbench.replay import compare_results
-    from uavbench.results import ResultError
 
     try:
         a, b = flown(first), flown(second)
         Console().print(comparison_table(a, b, compare_results(a, b)))
-    except ResultError as error:
+    except UavbenchError as error:
         raise fail(error) from None
 
 
@@ -250,10 +249,9 @@ def bound(
     """
     from rich.console import Console
 
-    from uavbench import ScenarioError, load_scenario
+    from uavbench import UavbenchError, load_scenario
     from uavbench.bounds.run import run_bounds
     from uavbench.display import episodes_progress, reference_table
-    from uavbench.results import ResultError
 
     console = Console()
     try:
@@ -271,7 +269,7 @@ def bound(
             )
         console.print(reference_table(loaded, known))
         console.print(str(out / f"{loaded.id}.csv"), highlight=False, soft_wrap=True)
-    except (ScenarioError, ResultError, ImportError) as error:
+    except (UavbenchError, ImportError) as error:
         raise fail(error) from None
     except KeyboardInterrupt:
         raise fail(f"interrupted; what is done is kept in {out}, and the same command goes on", 1) from None
@@ -283,13 +281,13 @@ def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml fi
 
     Prints the lines that name them, for the scenario's file.
     """
-    from uavbench import ScenarioError, load_scenario
+    from uavbench import UavbenchError, load_scenario
     from uavbench.freeze import freeze as freeze_scenario
 
     try:
         loaded = load_scenario(scenario)
         lines = freeze_scenario(loaded)
-    except ScenarioError as error:
+    except UavbenchError as error:
         raise fail(error) from None
     typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from uavbench.agent import AgentSource
 from uavbench.alarm import TimeUpError, alarm, set_alarm
 from uavbench.city import HOVER, NUM_ACTIONS
+from uavbench.errors import UavbenchError
 from uavbench.keyed import AGENT, stream
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
@@ -74,7 +75,7 @@ class EpisodeRecord:
     seconds: float
 
 
-class AgentError(Exception):
+class AgentError(UavbenchError):
     """An agent failed; the message says in which episode, at which step and why, with its traceback."""
 
 

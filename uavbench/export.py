@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.agent import AgentSource
+from uavbench.errors import UavbenchError
 from uavbench.files import write_whole
 from uavbench.observation import Observer
 from uavbench.onnx_agent import TRAINED_ON
 from uavbench.scenario import Scenario
 
 
-class ExportError(ValueError):
+class ExportError(UavbenchError, ValueError):
     """A network that cannot be exported; the message says why."""
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.errors import UavbenchError
 from uavbench.evaluate import EpisodeRecord, Job
 from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together
 from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
@@ -43,7 +44,7 @@ COLUMNS = {
 _MOST_BYTES = 2**26  # of a result's actions; those of the paper's scenarios take 0.2 MB
 
 
-class ResultError(ValueError):
+class ResultError(UavbenchError, ValueError):
     """A result that cannot be used; the message names the file and the reason."""
 
 

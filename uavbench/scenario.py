@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal, SupportsIndex
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from uavbench import resources
+from uavbench.errors import UavbenchError
 from uavbench.parameters import Count, Coverage, Harvesting, ObservationSizes, Record, Rewards, TeamSize, ordered
 
 FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
@@ -24,7 +25,7 @@ SplitName = Literal["train", "validation", "test"]
 SPLITS: tuple[SplitName, ...] = ("train", "validation", "test")
 
 
-class ScenarioError(ValueError):
+class ScenarioError(UavbenchError, ValueError):
     """A scenario that cannot be used; the message names the file, the field and the reason."""
 
 

@@ -21,6 +21,7 @@ from typing import Any, cast
 import numpy as np
 
 from uavbench.agent import AgentSource
+from uavbench.errors import UavbenchError
 from uavbench.evaluate import Job, evaluate
 from uavbench.interrupt import interrupt_waits
 from uavbench.memory import keep_freed
@@ -36,7 +37,7 @@ _FIELDS = ("updates", "validation")
 _LEARNER = ("updates", "samples", "advance", "weights", "snapshot", "resume")
 
 
-class TrainError(ValueError):
+class TrainError(UavbenchError, ValueError):
     """A training that cannot begin or go on; the message says what to change."""
 
 

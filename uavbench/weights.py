@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.errors import UavbenchError
 from uavbench.files import write_whole
 from uavbench.resources import scenario_paths, shipped_weights
 from uavbench.scenario import Scenario, load_scenario
@@ -15,7 +16,7 @@ from uavbench.scenario import Scenario, load_scenario
 _RECORD = "uavbench"  # the key of the record among a file's metadata
 
 
-class WeightsError(ValueError):
+class WeightsError(UavbenchError, ValueError):
     """Weights that cannot be used; the message names the file and the reason."""
 
 

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.errors import UavbenchError
+
 _PATIENCE = 100  # milliseconds
 _REPEAT = (300, 80)  # milliseconds until a key that is held down is heard again, and from then on
 
 
-class WindowError(RuntimeError):
+class WindowError(UavbenchError, RuntimeError):
     """A window that cannot be opened; the message says what is missing."""
 
 

@@ -35,17 +35,17 @@ def submit(
     """
     from rich.console import Console
 
+    from uavbench import UavbenchError
     from uavbench.display import working
-    from uavbench.leaderboard.submission import SubmissionError
     from uavbench.leaderboard.submit import submit as make_submission
-    from uavbench.results import ResultError, load_result
+    from uavbench.results import load_result
 
     try:
         loaded = [load_result(folder) for folder in results]
         with working(Console(stderr=True), "replaying", len(loaded)) as advance:
             told = {"name": name, "link": link, "training": training, "hardware": hardware}
             folders = make_submission(loaded, out, authors=authors, on_checked=advance, **told)
-    except (ResultError, SubmissionError) as error:
+    except UavbenchError as error:
         raise fail(error) from None
     for folder in folders:
         typer.echo(folder)
@@ -59,16 +59,16 @@ def verify(folder: _Submissions, workers: _Workers = 1) -> None:
     """
     from rich.console import Console
 
+    from uavbench import UavbenchError
     from uavbench.display import working
     from uavbench.leaderboard.board import submission_folders
     from uavbench.leaderboard.board import verify as check
-    from uavbench.leaderboard.submission import SubmissionError
 
     try:
         folders = submission_folders(folder)
         with working(Console(stderr=True), "replaying", len(folders)) as advance:
             held, refused = check(folders, workers, advance)
-    except SubmissionError as error:
+    except UavbenchError as error:
         raise fail(error) from None
     for submission, flown in held:
         typer.echo(f"{submission.label}: all {len(flown)} episodes reproduced, every number")
@@ -91,17 +91,16 @@ def build(
     """
     from rich.console import Console
 
+    from uavbench import UavbenchError
     from uavbench.display import leaderboard_tables, working
     from uavbench.leaderboard.board import build as build_board
     from uavbench.leaderboard.board import submission_folders
-    from uavbench.leaderboard.submission import SubmissionError
-    from uavbench.results import ResultError
 
     console = Console()
     try:
         with working(Console(stderr=True), "replaying", len(submission_folders(submissions))) as advance:
             board = build_board(submissions, workers, advance)
-    except (ResultError, SubmissionError) as error:
+    except UavbenchError as error:
         raise fail(error) from None
     console.print(leaderboard_tables(board.rows))
     for line in board.alike:
@@ -137,12 +136,12 @@ def rerun(
     """
     from rich.console import Console
 
-    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench import UavbenchError
+    from uavbench.agent import find_agent
     from uavbench.display import episodes_progress
-    from uavbench.evaluate import AgentError
     from uavbench.leaderboard.board import submission_folders
     from uavbench.leaderboard.reruns import check_reruns, fly_again, save_rerun
-    from uavbench.leaderboard.submission import SubmissionError, load_submission
+    from uavbench.leaderboard.submission import load_submission
 
     try:
         source = find_agent(agent, weights)
@@ -158,5 +157,5 @@ def rerun(
                 )
             save_rerun(kept, found)
             typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes; it stands in {kept}")
-    except (AgentLoadError, AgentError, SubmissionError) as error:
+    except UavbenchError as error:
         raise fail(error, 1) from None

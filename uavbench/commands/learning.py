@@ -26,13 +26,11 @@ def train(
     """
     from rich.console import Console
 
-    from uavbench import ScenarioError, load_scenario
-    from uavbench.agent import AgentLoadError, find_agent
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.agent import find_agent
     from uavbench.display import training_progress
-    from uavbench.evaluate import AgentError
-    from uavbench.train import TrainError, Training, read_config
+    from uavbench.train import Training, read_config
     from uavbench.train import train as train_agent
-    from uavbench.weights import WeightsError
 
     console, checkpoint = Console(), None
     try:
@@ -51,7 +49,7 @@ def train(
             )
         flies = f"{kept}" if source.built_in else f"{agent} --weights {kept}"
         console.print(f"next:  uavbench evaluate --agent {flies} --scenario {scenario}", highlight=False, soft_wrap=True)
-    except (AgentError, AgentLoadError, ScenarioError, TrainError, WeightsError) as error:
+    except UavbenchError as error:
         raise fail(error) from None
     except OSError as error:
         raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
@@ -72,16 +70,15 @@ def export(
 
     It can be scored without the agent's code: --agent model.onnx.
     """
-    from uavbench import ScenarioError, load_scenario
-    from uavbench.agent import AgentLoadError, find_agent
-    from uavbench.export import ExportError
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.agent import find_agent
     from uavbench.export import export as export_agent
 
     try:
         source = find_agent(agent)
         loaded = load_scenario(scenario or source.trained_on)
         export_agent(source, loaded, path)
-    except (AgentLoadError, ScenarioError, ExportError, ValueError) as error:
+    except (UavbenchError, ValueError) as error:
         raise fail(error) from None
     except OSError as error:
         raise fail(f"cannot write {path}: {error.strerror}") from None

@@ -22,9 +22,8 @@ def plot(
 
     The title says how many movements of the budget were made, and the CR.
     """
-    from uavbench import ScenarioError
+    from uavbench import UavbenchError
     from uavbench.plot import check_plot, save_plot
-    from uavbench.results import ResultError
     from uavbench.watch import recorded_scenes
 
     try:
@@ -32,7 +31,7 @@ def plot(
         path = out or Path(f"{result.summary['scenario']}-{result.summary['agent']}-{episode}.png")
         check_plot(path)
         save_plot(recorded_scenes(result, episode, scenario)[-1], path)
-    except (ResultError, ScenarioError) as error:
+    except UavbenchError as error:
         raise fail(error) from None
     typer.echo(path)
 
@@ -50,10 +49,9 @@ def film(
     """
     from rich.console import Console
 
-    from uavbench import ScenarioError
+    from uavbench import UavbenchError
     from uavbench.display import working
     from uavbench.film import check_film, save_film
-    from uavbench.results import ResultError
     from uavbench.watch import recorded_scenes
 
     try:
@@ -63,7 +61,7 @@ def film(
         scenes = recorded_scenes(result, episode, scenario)
         with working(Console(stderr=True), "filming", len(scenes)) as advance:
             save_film(scenes, path, fps, advance)
-    except (ResultError, ScenarioError) as error:
+    except UavbenchError as error:
         raise fail(error) from None
     typer.echo(path)
 
@@ -77,17 +75,16 @@ def play(
 
     Space hovers, return lands, r starts again, n takes the next episode, q ends.
     """
-    from uavbench import ScenarioError, load_scenario
+    from uavbench import UavbenchError, load_scenario
     from uavbench.episode import check_number, check_split
     from uavbench.play import play as fly
-    from uavbench.window import WindowError
 
     try:
         loaded = load_scenario(scenario)
         checked = check_split(split)
         check_number(loaded, checked, episode)
         fly(loaded, checked, episode, lambda record: typer.echo(_score(record.episode, record.landed, record.cr, record.cral)))
-    except (ScenarioError, ValueError, ImportError, WindowError) as error:
+    except (UavbenchError, ValueError, ImportError) as error:
         raise fail(error) from None
     except KeyboardInterrupt:
         raise typer.Exit(1) from None
@@ -109,14 +106,13 @@ def report(
     """
     from rich.console import Console
 
-    from uavbench import ScenarioError
+    from uavbench import UavbenchError
     from uavbench.display import working
     from uavbench.report import FILES, write_report
-    from uavbench.results import ResultError
 
     try:
         with working(Console(stderr=True), "writing", len(FILES)) as advance:
             write_report([flown(folder) for folder in folders], out, advance, scenario)
-    except (ResultError, ScenarioError) as error:
+    except UavbenchError as error:
         raise fail(error) from None
     typer.echo(f"wrote {out}: {', '.join(FILES)}")

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, ValidationError, field_validator
 
 from uavbench.agent import Track
+from uavbench.errors import UavbenchError
 from uavbench.evaluate import EpisodeRecord
 from uavbench.metrics import CONFIDENCE
 from uavbench.parameters import Record
@@ -46,7 +47,7 @@ _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Count = Annotated[int, Field(strict=True, ge=1, le=10**12)]
 
 
-class SubmissionError(ValueError):
+class SubmissionError(UavbenchError, ValueError):
     """A submission that is refused; the message says which and why, in one line."""
 
 
