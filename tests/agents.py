@@ -1,8 +1,12 @@
 """Agents for tests, good and bad; each a class of its own: ``tests/agents.py:Class``."""
 
+import contextlib
 import os
+import signal
+import sys
 import time
 
+import numba
 import numpy as np
 
 
@@ -195,6 +199,98 @@ class Dies(_Bad):
 
     def answer(self):
         os._exit(1)
+
+
+class DiesQuietly(_Bad):
+    """Ends its process as if all were well."""
+
+    def answer(self):
+        os._exit(0)
+
+
+class ExitsInArray(_Bad):
+    def answer(self):
+        return _Array(lambda: sys.exit(0))
+
+
+class _Array:
+    """What NumPy asks for an array, and gets something else."""
+
+    def __init__(self, do):
+        self._do = do
+
+    def __array__(self, dtype=None, copy=None):
+        return self._do()
+
+
+@numba.njit
+def _endless(x):
+    while x < 10:
+        x = x % 3
+    return x
+
+
+class Compiled(_Bad):
+    """Does not come back from compiled code, which hears no signal."""
+
+    def answer(self):
+        return _endless(4)
+
+
+class Stubborn(_Bad):
+    """Catches whatever it is stopped with."""
+
+    def answer(self):
+        while True:
+            with contextlib.suppress(BaseException):
+                time.sleep(1)
+
+
+class Deaf(_Bad):
+    """Uses the alarm signal for something else."""
+
+    def answer(self):
+        signal.signal(signal.SIGALRM, signal.SIG_IGN)
+        time.sleep(60)
+
+
+class EndlessArray(_Bad):
+    def answer(self):
+        return _Array(lambda: time.sleep(60))
+
+
+class Unreadable(_Bad):
+    """Raises what cannot even be shown."""
+
+    def answer(self):
+        class HiddenError(Exception):
+            def __str__(self):
+                raise RuntimeError("no")
+
+        raise HiddenError
+
+
+class Slowly(Blind):
+    """Takes a while for each decision, but not too long for any."""
+
+    def act(self, observation, info):
+        time.sleep(0.002)
+        return 4
+
+
+class Compiles(Blind):
+    """Compiles for seconds in its first decision, and in all the others decides at once."""
+
+    def act(self, observation, info):
+        if not hasattr(self, "decide"):
+
+            @numba.njit
+            def decide(x):
+                return np.sort(x)[0] + np.linalg.norm(x) + np.median(x) + np.percentile(x, 50) + np.unique(x)[0]
+
+            self.decide = decide
+            self.decide(np.ones(3))
+        return 4
 
 
 class WrongBatch(Blind):

@@ -96,8 +96,9 @@ def test_an_agent_declines_what_it_says_it_does_not_fly(tmp_path):
     scenario = load_scenario("Block8-CPP-v0")
     for line, reason in {"raise ValueError('not this')": "not this", "int('x')": None, "raise KeyError('x')": None}.items():
         path.write_text(text.replace("LINE", line))
-        assert find_agent(str(path)).declines(scenario) == reason
-    assert find_agent("greedy").declines(scenario) is None
+        with pytest.raises(AgentError) as told:
+            list(evaluate(Job(find_agent(str(path)), scenario, "test"), [0]))
+        assert getattr(told.value, "reason", None) == reason
 
 
 def test_a_mistake_while_flying_is_traced(tmp_path):

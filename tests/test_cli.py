@@ -181,7 +181,6 @@ def test_a_timeout_is_exit_status_1(call):
     code, text = call("evaluate", *words)
     assert code == 1
     assert "longer than 1 s" in text
-    assert "alarm.py" not in text
     code, text = call("check", f"{AGENTS}:Slow", "--scenario", "Block8-DH-v0", "--decision-timeout", 0.5)
     assert (code, "longer than 0.5 s" in text) == (1, True), text
 
@@ -214,33 +213,131 @@ def test_check_finds_an_agent_that_remembers(call):
     assert 'take randomness from info["seed"]' in text
 
 
-@pytest.mark.skipif(os.name == "nt", reason="sends SIGINT, which Windows does not have")
-@pytest.mark.parametrize("act", ["act", "act_batch"])
-@pytest.mark.parametrize("workers", [1, 2])
-def test_ctrl_c_keeps_what_was_finished(tmp_path, workers, act):
-    agent = tmp_path / "slow.py"
-    under_way = tmp_path / "under_way"
+def command(*words):
+    """Start a command as a process of its own, in a group of its own, that hears signals as one in a terminal does."""
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a job in the background ignores it
+    start = [sys.executable, "-c", f"{heard}; from uavbench.cli import app; app()", *map(str, words)]
+    return subprocess.Popen(start, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+
+
+def wait_for(condition):
+    for _ in range(1200):
+        if condition():
+            return
+        time.sleep(0.1)
+    raise AssertionError("it does not come")
+
+
+def slow_agent(tmp_path, act="act"):
+    """Write an agent that takes its time; return its path, and the file that it makes when it has flown for a while."""
+    agent, under_way = tmp_path / "slow.py", tmp_path / "under_way"
     agent.write_text(
-        "import time\nclass Agent:\n    def __init__(self, s): pass\n"
+        "import os, time\nclass Agent:\n    def __init__(self, s):\n"
+        f"        open({str(tmp_path)!r} + f'/process-{{os.getpid()}}', 'w').close()\n"
         f"    def {act}(self, o, i):\n"
         "        batch = isinstance(i, list)\n"
-        f"        if len(i) < 150 if batch else i['episode'] == 60: open({str(under_way)!r}, 'w').close()\n"
+        f"        if len(i) < 60 if batch else i['episode'] == 60: open({str(under_way)!r}, 'w').close()\n"
         "        time.sleep(0.2 if batch else 0.001); return [4] * len(i) if batch else 4\n"
     )
-    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # a job in the background ignores it
-    words = [sys.executable, "-c", f"{heard}; from uavbench.cli import app; app()", "evaluate", "--agent", str(agent)]
-    words += ["--scenario", "Block8-CPP-v0", "--workers", str(workers), "--out", str(tmp_path)]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    for _ in range(1200):
-        if under_way.exists():
-            break
-        time.sleep(0.1)
-    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes of the group
+    return agent, under_way
+
+
+def workers_of(tmp_path):
+    """Return which processes an agent of `slow_agent` flies in that are still there."""
+    there = [int(path.name.partition("-")[2]) for path in tmp_path.glob("process-*")]
+    return [each for each in there if Path(f"/proc/{each}").exists()]
+
+
+posix = pytest.mark.skipif(os.name == "nt", reason="sends signals, which Windows does not have")
+
+
+@posix
+@pytest.mark.parametrize(
+    ("act", "workers", "sent"),
+    [
+        ("act", 1, signal.SIGINT),
+        ("act", 2, signal.SIGTERM),
+        ("act_batch", 1, signal.SIGTERM),
+        ("act_batch", 2, signal.SIGINT),
+    ],
+)
+def test_an_interrupted_run_keeps_what_was_finished_and_goes_on_to_the_same_result(tmp_path, act, workers, sent):
+    agent, under_way = slow_agent(tmp_path, act)
+    words = ["evaluate", "--agent", agent, "--scenario", "Block8-CPP-v0", "--workers", workers, "--episodes", 250]
+    process = command(*words, "--out", tmp_path / "out")
+    wait_for(under_way.exists)
+    os.killpg(process.pid, sent)  # as a terminal or a batch system does: to all processes of the group
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors
     assert "interrupted\nfinished episodes are kept" in errors
-    kept = unpack_arrays((tmp_path / "Block8-CPP-v0" / "slow.partial" / "records.npz").read_bytes())
+    assert not workers_of(tmp_path)
+    kept = unpack_arrays((tmp_path / "out" / "Block8-CPP-v0" / "slow.partial" / "records.npz").read_bytes())
     assert len(kept["episode"]) >= 50
+    agent.write_text(agent.read_text())  # of the same digest
+    if act == "act_batch":
+        for out in ("out", "whole"):
+            again = command(*words, "--out", tmp_path / out, *(["--resume"] if out == "out" else []))
+            said = again.communicate(timeout=120)
+            assert again.returncode == 0, said
+        one, two = (tmp_path / out / "Block8-CPP-v0" / "slow" for out in ("out", "whole"))
+        assert all((one / name).read_bytes() == (two / name).read_bytes() for name in ("episodes.csv", "actions.npz"))
+
+
+@posix
+def test_an_early_interrupt_says_so(tmp_path):
+    """While the workers start, or before: there is nothing to keep yet."""
+    agent, _ = slow_agent(tmp_path)
+    for delay in (0.8, 1.6):
+        words = ("evaluate", "--agent", agent, "--scenario", "Block8-CPP-v0", "--workers", 2, "--out", tmp_path / "out")
+        process = command(*words)
+        time.sleep(delay)
+        os.killpg(process.pid, signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        assert process.returncode in (1, 130, -signal.SIGINT), errors
+        assert "out of memory" not in errors
+        assert "exit status" not in errors
+
+
+@posix
+def test_workers_of_a_killed_process_end(tmp_path):
+    agent, under_way = slow_agent(tmp_path)
+    process = command("evaluate", "--agent", agent, "--scenario", "Block8-CPP-v0", "--workers", 2, "--out", tmp_path / "out")
+    wait_for(under_way.exists)
+    assert len(workers_of(tmp_path)) == 2
+    process.kill()
+    process.communicate(timeout=60)
+    wait_for(lambda: not workers_of(tmp_path))
+
+
+def test_without_a_terminal_long_commands_print_plain_lines(call, monkeypatch):
+    words = ("evaluate", "--agent", "random", "--scenario", "Block8-CPP-v0", "--episodes", 20, "--overwrite")
+    assert "so far" not in call(*words)[1]  # it does not take half a minute
+    monkeypatch.setattr("uavbench.progress._LINE_SECONDS", 0.0)
+    code, text = call(*words)
+    assert code == 0, text
+    assert re.search(r"^random on Block8-CPP-v0: 20 of 20, CRAL \d+\.\d %, 0:00:\d\d so far", text, re.MULTILINE)
+
+
+def test_a_scenario_that_fails_does_not_keep_the_others_from_being_flown(call, tmp_path):
+    agent = tmp_path / "half.py"
+    agent.write_text(
+        "class Agent:\n    def __init__(self, s): self.kind = s.mission.kind\n"
+        "    def act(self, o, i): return 4 if self.kind == 'harvesting' else 9\n"
+    )
+    scenarios = [word for name in ("Block8-CPP-v0", "Block8-DH-v0") for word in ("--scenario", name)]
+    code, text = call("evaluate", "--agent", agent, "--episodes", 5, *scenarios)
+    assert code == 1
+    assert "half on Block8-CPP-v0, test episode 0, step 0: act() returned 9" in text
+    assert Path("results/Block8-DH-v0/half/summary.json").is_file()
+
+
+def test_results_can_be_filed_under_another_name(call):
+    words = ("evaluate", "--agent", "random", "--scenario", "Block8-CPP-v0", "--episodes", 3, "--name")
+    code, text = call(*words, "by chance")
+    assert code == 0, text
+    assert Path("results/Block8-CPP-v0/by chance/summary.json").is_file()
+    code, text = call(*words, "../elsewhere")
+    assert (code, "--name: no result can be filed under" in text) == (2, True), text
 
 
 def test_freezes_a_users_own_scenario(call, tmp_path):

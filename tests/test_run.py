@@ -1,7 +1,9 @@
 """Runs: interrupted ones end in the same result, and nothing that was flown is lost."""
 
+import os
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from running import AGENTS, N, files, job
@@ -105,8 +107,9 @@ def test_an_agent_that_was_edited_since_it_was_interrupted_starts_over(stoppable
     assert [found.name for found in (tmp_path / scenario.id).iterdir()] == ["mine"]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_agent_whose_weights_change_while_it_flies_has_no_result(tmp_path, workers):
+@pytest.fixture
+def weighted(tmp_path):
+    """An agent that takes the action which its weights hold; returns the job and the file of the weights."""
     weights = tmp_path / "weights"
     weights.write_text("4")
     (tmp_path / "mine.py").write_text(
@@ -114,20 +117,124 @@ def test_an_agent_whose_weights_change_while_it_flies_has_no_result(tmp_path, wo
         "        self.action = int(Path(weights).read_text())\n"
         "    def act(self, observation, info):\n        return self.action\n"
     )
-    mine = Job(find_agent(str(tmp_path / "mine.py"), weights), load_scenario("Block8-DH-v0"), "test")
+    return Job(find_agent(str(tmp_path / "mine.py"), weights), load_scenario("Block8-DH-v0"), "test"), weights
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("change", ["edit", "delete"])
+def test_an_agent_whose_weights_change_while_it_flies_has_no_result(tmp_path, weighted, workers, change):
+    mine, weights = weighted
 
     def edit(record):
-        weights.write_text("5")
+        weights.write_text("5") if change == "edit" else weights.unlink(missing_ok=True)
 
-    with pytest.raises(ResultError, match="weights changed while it flew"):
+    with pytest.raises(ResultError, match="files or weights changed while it flew"):
         run(mine, N, tmp_path / "out", workers=workers, on_record=edit)
-    assert not list(tmp_path.glob("out/*/*/summary.json"))
+    assert not list(tmp_path.glob("out/*/*"))
+
+
+def test_what_was_flown_by_changed_weights_is_not_gone_on_with_when_the_old_ones_are_back(tmp_path, weighted, monkeypatch):
+    """Not even what was kept before the change was found out."""
+    monkeypatch.setattr("uavbench.run._CHECKPOINT_SECONDS", 0.0)
+    mine, weights = weighted
+    flown = []
+
+    def stop(record):
+        if len(flown) == 5:
+            weights.write_text("5")
+        flown.append(record.episode)
+
+    with pytest.raises(ResultError, match="nothing that it flew is kept") as told:
+        run(mine, N, tmp_path / "out", on_record=stop)
+    assert "--resume" not in str(getattr(told.value, "__notes__", ""))
+    weights.write_text("4")
+    flown.clear()
+    run(mine, N, tmp_path / "out", resume=True, on_record=lambda record: flown.append(record.episode))
+    assert flown == list(range(N))
+
+
+def test_an_agent_that_changes_and_is_interrupted_keeps_nothing(tmp_path, weighted):
+    mine, weights = weighted
+
+    def stop(record):
+        weights.write_text("5")
+        raise KeyboardInterrupt
+
+    with pytest.raises(ResultError, match="nothing that it flew is kept"):
+        run(mine, N, tmp_path / "out", on_record=stop)
+    assert not list(tmp_path.glob("out/*/*"))
+
+
+def test_an_agent_that_is_saved_while_its_process_starts_has_no_result(tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text("class Agent:\n    def __init__(self, s): pass\n    def act(self, o, i): return 4\n")
+    mine = Job(find_agent(str(path)), load_scenario("Block8-DH-v0"), "test")
+    with pytest.raises(ResultError, match="files or weights changed while it flew"):
+        run(mine, N, tmp_path / "out", on_start=lambda: path.write_text(path.read_text().replace("4", "5")))
+    assert not list(tmp_path.glob("out/*/*"))
+
+
+def test_two_agents_of_one_name_do_not_replace_each_others_results(tmp_path):
+    scenario = load_scenario("Block8-DH-v0")
+    text = "class Agent:\n    def __init__(self, s): pass\n    def act(self, o, i): return 4\n"
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "agent.py").write_text(f"{text}# {folder}\n")
+    one, two = (Job(find_agent(str(tmp_path / folder / "agent.py")), scenario, "test") for folder in ("a", "b"))
+    before = files(run(one, N, tmp_path).folder)
+    for resume in (False, True):
+        with pytest.raises(ResultError, match=r"another agent that is called agent \(.*a.agent\.py\).*--name NAME"):
+            run(two, N, tmp_path, resume=resume)
+    assert files(tmp_path / scenario.id / "agent") == before
+    named = Job(find_agent(str(tmp_path / "b" / "agent.py"), name="other"), scenario, "test")
+    assert run(named, N, tmp_path).folder.name == "other"
+    assert run(two, N, tmp_path, overwrite=True).summary["agent_file"] == str(tmp_path / "b" / "agent.py")
+    edited = tmp_path / "b" / "agent.py"
+    edited.write_text(f"{text}# edited\n")
+    run(Job(find_agent(str(edited)), scenario, "test"), N, tmp_path)  # the same file, as it is now
+
+
+def test_an_unfinished_run_is_not_replaced_by_that_of_another_agent_of_its_name(stoppable, tmp_path):
+    path, _ = stoppable
+    path.write_text(path.read_text().replace("WHAT", "ValueError('no')"))
+    scenario = load_scenario("Block8-DH-v0")
+    interrupt(tmp_path, Job(find_agent(str(path)), scenario, "test"))
+    kept = (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").read_bytes()
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / "mine.py").write_text(
+        "class Agent:\n    def __init__(self, s): pass\n    def act(self, o, i): return 4\n"
+    )
+    with pytest.raises(ResultError, match="of another agent of that name"):
+        run(Job(find_agent(str(tmp_path / "b" / "mine.py")), scenario, "test"), N, tmp_path)
+    assert (tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz").read_bytes() == kept
+
+
+def test_what_lies_beside_a_result_stays(tmp_path):
+    folder = run(job(), N, tmp_path).folder
+    (folder / "notes.txt").write_text("precious")
+    (folder / "figures").mkdir()
+    run(job(), N, tmp_path)
+    assert (folder / "notes.txt").read_text() == "precious"
+    assert (folder / "figures").is_dir()
+
+
+def test_an_agent_that_goes_elsewhere_leaves_its_results_where_they_were_asked_for(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    path = tmp_path / "mine.py"
+    path.write_text(
+        f"import os\nos.chdir({str(tmp_path / 'elsewhere')!r})\n"
+        "class Agent:\n    def __init__(self, s): pass\n    def act(self, o, i): return 4\n"
+    )
+    result = run(Job(find_agent("mine.py"), load_scenario("Block8-DH-v0"), "test"), N, Path("results"))
+    assert result.folder == tmp_path / "results" / "Block8-DH-v0" / "mine"
+    assert (result.folder / "summary.json").is_file()
 
 
 def test_a_result_that_cannot_be_written_is_said(tmp_path):
     folder = tmp_path / "Block8-DH-v0"
     folder.mkdir()
-    (folder / f".{job().source.name}.new").write_text("in the way")
+    (folder / f".{job().source.name}.{os.getpid()}.new").write_text("in the way")
     with pytest.raises(ResultError, match=r"--out: cannot write .*new: File exists"):
         run(job(), N, tmp_path)
 

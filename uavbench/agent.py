@@ -4,17 +4,19 @@ The contract is docs/agents.md; a built-in baseline is loaded by the same code a
 """
 
 import hashlib
-import importlib.util
 import inspect
-import sys
+import os
+import re
 import traceback
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
 from uavbench import resources
+from uavbench.agent_files import files_digest, import_agent
 from uavbench.errors import UavbenchError
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, check_trained, load_weights, trained_on
@@ -41,39 +43,57 @@ class AgentSource:
     Attributes
     ----------
     path : Path
-        The Python file.
+        The Python file; absolute.
     class_name : str
         The class in it.
     weights : Path, optional
-        What the class is given besides the scenario: a file that ``uavbench train`` wrote, or an ONNX model.
+        What the class is given besides the scenario: a file that ``uavbench train`` wrote, or an ONNX model; absolute.
+    module_name : str, optional
+        The name under which the file is imported, ``package.module``; without it the file is a module of its own.
+    given_name : str, optional
+        What results are filed under, when it is not the name of a file.
     """
 
     path: Path
     class_name: str = "Agent"
     weights: Path | None = None
+    module_name: str | None = None
+    given_name: str | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave out what is cached when it is sent to another process, which loads the agent's file itself."""
+        return AgentSource, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def name(self) -> str:
-        """The file's stem, and the class when it is not ``Agent``: what results are filed under. With weights their stem."""
+        """What results are filed under: the file's stem, and the class when it is not ``Agent``; with weights their stem."""
+        if self.given_name is not None:
+            return self.given_name
         if self.weights:
             return self.weights.stem
         return self.path.stem if self.class_name == "Agent" else f"{self.path.stem}.{self.class_name}"
 
-    @cached_property
+    @property
+    def file(self) -> Path | None:
+        """The file that makes the agent what it is: that of its weights, or its own; None for a built-in."""
+        return self.weights or (None if self.built_in else self.path)
+
+    @property
     def sha256(self) -> str:
-        """SHA-256 of the Python file."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        """SHA-256 of the Python file and of what it imports from its folder, as `uavbench.agent_files.files_digest` says."""
+        return files_digest(self.path)
 
     @property
     def built_in(self) -> bool:
         """Whether it comes with the suite."""
-        return resources.baseline_paths().get(self.path.stem) == self.path
+        found = resources.baseline_paths().get(self.path.stem)
+        return found is not None and found.resolve() == self.path.resolve()
 
     def digest(self, scenario: Scenario) -> str:
-        """Return the SHA-256 of what acts on ``scenario``.
+        """Return the SHA-256 of what acts on ``scenario``, as its files are now.
 
-        That of the Python file, of the ONNX model, or, where there are weights, that of the digests of file and weights, in
-        hex, one after the other.
+        That of the Python files (`sha256`), of the ONNX model, or, where there are weights, that of the digests of Python
+        files and weights, in hex, one after the other.
         """
         weights = self.weights
         if weights is None and self.built_in:
@@ -115,7 +135,10 @@ class AgentSource:
             When it cannot be imported.
         """
         try:
-            return _module(self.path.resolve(), self.sha256)
+            key = (self.path, self.module_name, self.sha256)
+            if key not in _MODULES:
+                _MODULES[key] = import_agent(self.path, self.module_name)
+            return _MODULES[key]
         except ModuleNotFoundError as error:
             hint = ": pip install 'uavbench[ddqn]'" if error.name in ("torch", "safetensors") else ""
             raise AgentLoadError(f"{self.path}: needs {error.name}, which is not installed{hint}") from error
@@ -123,13 +146,18 @@ class AgentSource:
             raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
 
     def load(self) -> Any:
-        """Return the agent's class.
+        """Return the agent's class; it is looked at once.
 
         Raises
         ------
         AgentLoadError
             When the file has no such class, or the class does not keep the contract.
         """
+        return self._class
+
+    @cached_property
+    def _class(self) -> Any:
+        """The agent's class, as `load` returns it."""
         found = getattr(self.module(), self.class_name, None)
         if not inspect.isclass(found):
             raise AgentLoadError(f"{self.path}: has no class {self.class_name}; name yours as {self.path}:YourClass")
@@ -189,78 +217,85 @@ class AgentSource:
         own = bool(frames) and Path(frames[-1].filename).resolve() == self.path.resolve()
         return isinstance(error, ValueError | ImportError) and own and (frames[-1].line or "").startswith("raise ")
 
-    def declines(self, scenario: Scenario) -> str | None:
-        """Return why the agent does not fly ``scenario``, by its own word; None where it does, or fails to be made."""
-        try:
-            self.make(scenario)
-        except ValueError as error:
-            return str(error) if self.meant(error) else None
-        except Exception:  # which flying it will tell
-            return None
-        return None
+
+_MODULES: dict[tuple[Path, str | None, str], ModuleType] = {}
+_BAD_NAME = re.compile(r"""[/\\:*?"<>|]|^[.\s]|[.\s]$""")  # that some system has no file of
 
 
-_MODULES: dict[tuple[Path, str], ModuleType] = {}
-
-
-def _module(path: Path, sha256: str) -> ModuleType:
-    """Import a file as a module of its own; its folder is searched for what it imports, as if it were run."""
-    if (path, sha256) not in _MODULES:
-        spec = importlib.util.spec_from_file_location(f"uavbench_agent_{path.stem}_{sha256[:8]}", path)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        if str(path.parent) not in sys.path:
-            sys.path.append(str(path.parent))
-        sys.modules[spec.name] = module  # dataclasses and pickles look their module up by name
-        spec.loader.exec_module(module)
-        _MODULES[path, sha256] = module
-    return _MODULES[path, sha256]
-
-
-def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
-    """Find an agent: a built-in's name, ``path.py``, ``path.py:Class``, ``path.onnx``, or a built-in's ``path.safetensors``.
+def find_agent(spec: str, weights: Path | None = None, name: str | None = None) -> AgentSource:
+    """Find an agent.
 
     Parameters
     ----------
     spec : str
-        What it is.
+        A built-in's name, ``path.py``, ``path.py:Class``, ``package.module:Class``, ``path.onnx``, or a built-in's
+        ``path.safetensors``.
     weights : Path, optional
         What a file or a built-in is to fly with.
+    name : str, optional
+        What its results are filed under, when it is not to be the name of the file.
 
     Raises
     ------
     AgentLoadError
-        When there is none.
+        When there is none, or results cannot be filed under its name.
     """
+    source = _find(spec)
     if weights is not None:
-        source, weights = find_agent(spec), weights.expanduser()
         if source.weights is not None:
             raise AgentLoadError(f"agent {spec}: these are weights themselves: leave --weights out")
-        if not weights.is_file():
-            raise AgentLoadError(f"--weights {weights}: there is no such file")
-        return replace(source, weights=weights)
+        source = replace(source, weights=_there(weights, f"--weights {weights}: there is no such file"))
+    source = replace(source, given_name=name)
+    if not source.name or not source.name.isprintable() or _BAD_NAME.search(source.name) or len(source.name) > 100:
+        what = "--name" if name is not None else f"agent {spec}"
+        raise AgentLoadError(f"{what}: no result can be filed under the name {source.name!r}: give another with --name NAME")
+    return source
+
+
+def _find(spec: str) -> AgentSource:
+    """Find an agent by what the user calls it."""
     built_in = resources.baseline_paths()
     if spec in built_in:
         return AgentSource(built_in[spec])
     if spec.endswith(".safetensors"):
-        return _trained(Path(spec).expanduser(), built_in)
+        return _trained(_there(Path(spec), f"agent {spec}: there is no such file"), built_in)
     if spec.endswith(".onnx"):
-        model = Path(spec).expanduser()
-        if not model.is_file():
-            raise AgentLoadError(f"agent {spec}: there is no file {model}")
-        return AgentSource(_ONNX, weights=model)
+        return AgentSource(_ONNX, weights=_there(Path(spec), f"agent {spec}: there is no file {spec}"))
     name, _, class_name = spec.partition(".py:")
     if class_name:
         name += ".py"
-    path = Path(name).expanduser()
+    if not name.endswith(".py") and re.fullmatch(r"\w+(\.\w+)*:\w+", spec):
+        return _in_module(*spec.split(":"))
     if not name.endswith(".py"):
         raise AgentLoadError(
-            f"agent {spec}: neither a .py, .onnx or .safetensors file nor a built-in; built in are {', '.join(built_in)}"
+            f"agent {spec}: neither a .py, .onnx or .safetensors file, nor package.module:Class, nor a built-in; built in are "
+            f"{', '.join(built_in)}"
         )
-    if not path.is_file():
-        raise AgentLoadError(f"agent {spec}: there is no file {path}")
-    return AgentSource(path, class_name or "Agent")
+    return AgentSource(_there(Path(name), f"agent {spec}: there is no file {name}"), class_name or "Agent")
+
+
+def _there(path: Path, otherwise: str) -> Path:
+    """Return a file's absolute path: an agent may change the current folder. Refuse what is no file."""
+    found = Path(os.path.abspath(path.expanduser()))  # noqa: PTH100  # a link keeps its name
+    if not found.is_file():
+        raise AgentLoadError(otherwise)
+    return found
+
+
+def _in_module(module: str, class_name: str) -> AgentSource:
+    """Find the file of a module, from the current folder or installed, without executing it."""
+    folders: list[str] | None = None
+    spec = None
+    for k, _ in enumerate(parts := module.split(".")):
+        spec = PathFinder.find_spec(".".join(parts[: k + 1]), folders or [str(Path.cwd())]) or (
+            PathFinder.find_spec(parts[0]) if k == 0 else None
+        )
+        folders = list(spec.submodule_search_locations or ()) if spec else []
+        if spec is None or (k + 1 < len(parts) and not folders):
+            raise AgentLoadError(f"agent {module}:{class_name}: there is no module {'.'.join(parts[: k + 1])}")
+    if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
+        raise AgentLoadError(f"agent {module}:{class_name}: {module} is no Python file")
+    return AgentSource(Path(spec.origin), class_name, module_name=module)
 
 
 def _trained(weights: Path, built_in: dict[str, Path]) -> AgentSource:

@@ -68,4 +68,4 @@ def _line(error: AgentError) -> str:
 
 
 def _fly(job: Job, numbers: Sequence[int]) -> dict[int, EpisodeRecord]:
-    return {record.episode: record for record in evaluate(job, numbers)}
+    return {record.episode: record for record in evaluate(job, numbers, workers=1)}

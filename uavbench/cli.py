@@ -9,6 +9,7 @@ import typer
 
 from uavbench.commands import leaderboard, learning, pictures
 from uavbench.commands.shared import DecisionTimeout, ResultFolder, ScenarioFile, fail, flown
+from uavbench.interrupt import terminating_interrupts
 
 app = typer.Typer(
     epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
@@ -30,6 +31,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def main(
+    context: typer.Context,
     _version_wanted: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
@@ -38,6 +40,7 @@ def main(
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "×" shows "?" rather than a traceback
+    context.with_resource(terminating_interrupts())
 
 
 @app.command("list", epilog="\b\nExample:\n  uavbench list")
@@ -111,8 +114,8 @@ def evaluate(
     agent: Annotated[
         str,
         typer.Option(
-            help="path.py, path.py:Class, a .safetensors or .onnx file, or a built-in: boustrophedon, ddqn, "
-            "greedy, orienteering, pilot, planner, random, tsp."
+            help="path.py, path.py:Class, package.module:Class, a .safetensors or .onnx file, or a built-in: boustrophedon, "
+            "ddqn, greedy, orienteering, pilot, planner, random, tsp."
         ),
     ],
     scenario: Annotated[
@@ -123,6 +126,7 @@ def evaluate(
         ),
     ] = None,
     weights: Annotated[Path | None, typer.Option(help="What your own agent's file is to fly with.")] = None,
+    name: Annotated[str | None, typer.Option(help="What the results are filed under; by default the file's name.")] = None,
     split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
     episodes: Annotated[
         int | None, typer.Option(min=1, help="How many, from 0 on; by default all of the split, and 1000 of train.")
@@ -133,7 +137,9 @@ def evaluate(
     resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run; keep finished ones.")] = False,
     overwrite: Annotated[
         bool,
-        typer.Option("--overwrite", help="Replace even a result, or a begun run, of another split or of more episodes."),
+        typer.Option(
+            "--overwrite", help="Replace even a result, or a begun run, of another split, of more episodes or of another agent."
+        ),
     ] = False,
 ) -> None:
     """Score an agent over a split's episodes.
@@ -145,16 +151,20 @@ def evaluate(
 
     from uavbench import UavbenchError
     from uavbench.agent import find_agent
-    from uavbench.display import episodes_progress, gaps_text, result_table
-    from uavbench.evaluate import AgentError
+    from uavbench.display import gaps_text, result_table
+    from uavbench.evaluate import AgentDeclinedError, AgentError
+    from uavbench.progress import episodes_progress
     from uavbench.reference import gaps
     from uavbench.run import jobs, run
 
-    console = Console()
+    console, start, status = Console(), Path.cwd(), 0
     try:
-        source = find_agent(agent, weights)
-        planned = jobs(source, scenario, split, episodes, decision_timeout, lambda reason: typer.echo(reason, err=True))
-        for job, count in planned:
+        planned = jobs(find_agent(agent, weights, name), scenario, split, episodes, decision_timeout)
+    except UavbenchError as error:
+        raise fail(error) from None
+    out = start / out  # whatever an agent does to the current folder
+    for job, count, optional in planned:
+        try:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
                 result = run(
                     job,
@@ -170,19 +180,24 @@ def evaluate(
             known = gaps(result)
             if known:
                 console.print(gaps_text(known), highlight=False)
+            folder = result.folder.relative_to(start) if result.folder.is_relative_to(start) else result.folder
             console.print(
-                f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; "
-                f"{result.folder}",
+                f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; {folder}",
                 highlight=False,
                 soft_wrap=True,
             )
-    except AgentError as error:
-        raise fail(error, 1) from None
-    except UavbenchError as error:
-        raise fail(error) from None
-    except KeyboardInterrupt as error:
-        error.args = ("interrupted",)
-        raise fail(error, 1) from None
+        except AgentDeclinedError as error:
+            if optional:
+                typer.echo(f"{job.scenario.id}: left out: {error.reason}", err=True)
+            else:
+                status = fail(error, 1).exit_code
+        except UavbenchError as error:  # the other scenarios are flown all the same
+            status = fail(error, 1 if isinstance(error, AgentError) or len(planned) > 1 else 2).exit_code
+        except KeyboardInterrupt as error:
+            error.args = ("interrupted",)
+            raise fail(error, 1) from None
+    if status:
+        raise typer.Exit(status)
 
 
 @app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
@@ -251,7 +266,8 @@ def bound(
 
     from uavbench import UavbenchError, load_scenario
     from uavbench.bounds.run import run_bounds
-    from uavbench.display import episodes_progress, reference_table
+    from uavbench.display import reference_table
+    from uavbench.progress import episodes_progress
 
     console = Console()
     try:

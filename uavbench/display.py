@@ -1,14 +1,12 @@
-"""What the commands print: tables, maps and the progress bar."""
+"""What the commands print: tables and maps."""
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from rich import box
-from rich.console import Console, Group
+from rich.console import Group
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -16,7 +14,6 @@ from uavbench.metrics import Comparison, Interval, mean_interval
 from uavbench.reference import Gaps, Reference
 from uavbench.results import Result
 from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
-from uavbench.train import Point
 
 if TYPE_CHECKING:
     from uavbench.leaderboard.ranking import Row
@@ -159,94 +156,3 @@ def leaderboard_tables(rows: "Iterable[Row]") -> Group:
         rank, interval = ("–", "published") if row.rank is None else (str(row.rank), _bounds(row.cral))
         tables[row.track].add_row(row.scenario, row.name, rank, *scores, interval)
     return Group(*tables.values())
-
-
-@contextmanager
-def working(console: Console, label: str, total: int) -> Generator[Callable[[object], None]]:
-    """Show the progress of a few long pieces of work, each of which calls what is given when it is done."""
-    with Progress(
-        TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), console=console
-    ) as progress:
-        task = progress.add_task(label, total=total)
-        yield lambda _: progress.advance(task)
-
-
-class EpisodesProgress:
-    """The bar that runs while episodes are flown or bounded, with the mean of what comes out so far."""
-
-    def __init__(self, progress: Progress, label: str, name: str) -> None:
-        self._progress = progress
-        self._task = progress.add_task(label, total=None, mean="starting (the first run compiles)")
-        self._name = name
-        self._sum = 0.0
-        self._count = 0
-
-    def show(self, total: int) -> None:
-        """Show the bar: ``total`` episodes begin, if there are any."""
-        self._progress.update(self._task, total=total)
-        if total:
-            self._progress.start()
-
-    def advance(self, value: float) -> None:
-        """Count an episode that is done, in which ``value`` came out."""
-        self._sum += value
-        self._count += 1
-        self._progress.update(self._task, advance=1, mean=f"{self._name} {100 * self._sum / self._count:.1f} %")
-
-
-@contextmanager
-def episodes_progress(console: Console, label: str, name: str) -> Generator[EpisodesProgress]:
-    """Show the progress of a run over episodes, from its `show` to the end of the block."""
-    with _bar(console) as progress:
-        yield EpisodesProgress(progress, label, name)
-
-
-@contextmanager
-def _bar(console: Console) -> Generator[Progress]:
-    """Return a bar that is not shown before it is started."""
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[mean]}"),
-    )
-    progress = Progress(*columns, console=console)
-    try:
-        yield progress
-    finally:
-        if progress.live.is_started:
-            progress.stop()
-
-
-class TrainingProgress:
-    """The bar that runs while an agent learns, and a line for every validation."""
-
-    def __init__(self, progress: Progress, label: str) -> None:
-        self._progress = progress
-        self._task = progress.add_task(label, total=None, mean="starting (the first run compiles)")
-
-    def show(self, done: int, updates: int) -> None:
-        """Show the bar: ``done`` of so many updates are done."""
-        self._progress.update(self._task, total=updates, completed=done, mean="")
-        self._progress.start()
-
-    def advance(self, updates: int) -> None:
-        """Show that ``updates`` are done."""
-        self._progress.update(self._task, completed=updates)
-
-    def add_point(self, point: Point) -> None:
-        """Print the scores of a validation, in per cent."""
-        scores = ", ".join(f"{NAMES[name]} {100 * getattr(point, name):.1f}" for name in NAMES)
-        self._progress.console.print(
-            f"{point.updates:>9,} updates {point.samples / 1e6:6.2f} M samples {point.seconds / 60:6.1f} min   {scores}",
-            highlight=False,
-        )
-
-
-@contextmanager
-def training_progress(console: Console, label: str) -> Generator[TrainingProgress]:
-    """Show the progress of a training, from its `show` to the end of the block."""
-    with _bar(console) as progress:
-        yield TrainingProgress(progress, label)

@@ -5,33 +5,29 @@ for many episodes at once (``act_batch``): noise and episodes are keyed, and so 
 of a team decide at once, by what they see before the step, whether they are asked one by one or together (``act_team``).
 """
 
-import contextlib
-import signal
-import tempfile
-import threading
-import time
+import itertools
 import traceback
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, cast
+from collections.abc import Callable, Generator, Iterator, MutableSequence, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
-import joblib  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.agent import AgentSource
-from uavbench.alarm import TimeUpError, alarm, set_alarm
 from uavbench.city import HOVER, NUM_ACTIONS
+from uavbench.decision_clock import DecisionClock, shown_call
 from uavbench.errors import UavbenchError
 from uavbench.keyed import AGENT, stream
 from uavbench.observation import Observation, Observer
+from uavbench.processes import WorkerDiedError, WorkerLateError, work_apart
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
 from uavbench.state_view import StateView
 
 DEFAULT_BATCH = 250
+_PIECE = 10  # episodes that a worker is given at once, where its agent flies them one by one
+_LONGEST_SHOWN = 200  # characters of what an agent returned
 #: In records, in place of an action: the UAV flies no more, or the episode has fewer.
 NO_ACTION = NUM_ACTIONS
 
@@ -79,6 +75,18 @@ class AgentError(UavbenchError):
     """An agent failed; the message says in which episode, at which step and why, with its traceback."""
 
 
+class AgentDeclinedError(AgentError):
+    """An agent says in its ``__init__`` that it does not fly a scenario.
+
+    Attributes
+    ----------
+    reason : str
+        What the agent says.
+    """
+
+    reason = ""
+
+
 @dataclass(frozen=True)
 class Job:
     """What is flown: all that a worker must know.
@@ -92,6 +100,8 @@ class Job:
         Seconds that one call of the agent may take; None for any.
     batch_size : int
         Episodes at once, for an agent that decides for many.
+    agent_sha256 : str, optional
+        The digest that the agent's files must have when they are loaded; None for any.
     """
 
     source: AgentSource
@@ -99,9 +109,10 @@ class Job:
     split: SplitName
     decision_timeout: float | None = 60.0
     batch_size: int = DEFAULT_BATCH
+    agent_sha256: str | None = None
 
 
-def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[EpisodeRecord, None, None]:
+def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[EpisodeRecord]:
     """Fly the episodes ``numbers``, yielding the record of each as it ends.
 
     Parameters
@@ -111,80 +122,67 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[Ep
     numbers : sequence of int
         Which episodes.
     workers : int
-        Processes.
+        Processes. With one or more the agent flies there and cannot harm this process: it is killed when it takes too long.
+        With 0 it flies in this process, where a call that takes too long is noticed when it ends.
 
     Raises
     ------
+    AgentDeclinedError
+        When the agent says that it does not fly this scenario.
     AgentError
         When the agent fails. What was finished has been yielded before.
     """
-    if workers == 1:
-        yield from _fly(job, numbers)
+    if workers == 0:
+        yield from _Flyer(job)(numbers)
         return
-    size = job.batch_size if job.source.call(job.scenario) == "act_batch" else 10
+    size = job.batch_size if job.source.call(job.scenario) == "act_batch" else _PIECE
     size = max(1, min(size, -(-len(numbers) // workers)))
-    chunks = [numbers[k : k + size] for k in range(0, len(numbers), size)]
-    parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    fly: Any = cast("Any", joblib).delayed(_fly_chunk)
-    failed: str | None = None
-    with tempfile.TemporaryDirectory(prefix="uavbench-") as folder, _interrupt_sets(Path(folder) / "stop") as stop:
-        try:
-            # After a failure or Ctrl-C the workers stop at their next episode's end, and what they have is still taken.
-            for records, error in parallel(fly(job, chunk, stop) for chunk in chunks):
-                yield from records
-                if error:
-                    failed = failed or error
-                    stop.touch()
-        except BrokenProcessPool as error:  # what loky's TerminatedWorkerError is
-            raise _complaint(job, None, f"a worker process died (out of memory, or a crash of the agent?)\n{error}") from None
-        if failed:
-            raise AgentError(failed)
-        if stop.exists():
-            raise KeyboardInterrupt
-
-
-@contextlib.contextmanager
-def _interrupt_sets(stop: Path) -> Generator[Path]:
-    """Let the first Ctrl-C in the block make the file ``stop`` instead of raising; the second raises."""
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-
-    def interrupt(_signal: int, _frame: Any) -> None:
-        if stop.exists():
-            raise KeyboardInterrupt
-        stop.touch()
-
-    before = signal.signal(signal.SIGINT, interrupt)
     try:
-        yield stop
+        yield from work_apart(_Flyer(job), (numbers[k : k + size] for k in range(0, len(numbers), size)), workers)
+    except WorkerLateError as late:
+        call = shown_call(late.shown)
+        infos = [{"episode": number, "uav": call.uav} for number in (call.first_episode, call.last_episode)]
+        infos = infos[:1] if call.method in ("act()", "reset()") else infos
+        reason = f"{call.method} took longer than {job.decision_timeout:g} s\n{_agents_frames(late.trace)}".rstrip()
+        raise _complaint(job, (infos, call.step), reason) from None
+    except WorkerDiedError as died:
+        raise _complaint(job, None, str(died)) from None
+
+
+@dataclass
+class _Flyer:
+    """Flies episodes with one agent, which is made when the first are asked for; pickled before, to fly in another process."""
+
+    job: Job
+    _flight: "_Flight | None" = field(default=None, init=False)
+
+    def __call__(self, numbers: Sequence[int], shown: MutableSequence[float] | None = None) -> Iterator[EpisodeRecord]:
+        """Fly the episodes ``numbers``; ``shown`` is where the agent's clock can be seen."""
+        job = self.job
+        with DecisionClock(job.decision_timeout, shown) as clock:
+            if self._flight is None:
+                self._flight = _Flight(job, _made(job, clock))
+            size = job.batch_size if self._flight.call == "act_batch" else 1
+            for k in range(0, len(numbers), size):
+                yield from self._flight.fly(numbers[k : k + size], clock)
+
+
+def _made(job: Job, clock: DecisionClock) -> Any:
+    """Return a new agent of a job, if its files are those that are to fly."""
+    clock.start("__init__()", (), 0, limited=False)  # weights may take their time to load
+    try:
+        agent = job.source.make(job.scenario)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, Exception) and job.source.meant(error):
+            declined = AgentDeclinedError(f"{job.source.name} on {job.scenario.id}: {error}")
+            declined.reason = str(error)
+            raise declined from None
+        raise _complaint(job, None, f"__init__() raised {_said(error)}\n{_trace()}") from error
     finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _fly_chunk(job: Job, numbers: Sequence[int], stop: Path) -> tuple[list[EpisodeRecord], str | None]:
-    """Fly episodes in a worker until ``stop`` is there; return what was finished, and what failed."""
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
-    records: list[EpisodeRecord] = []
-    try:
-        for record in _fly(job, () if stop.exists() else numbers):
-            records.append(record)
-            if stop.exists():
-                break
-    except AgentError as error:
-        return records, str(error)
-    return records, None
-
-
-def _fly(job: Job, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
-    """Fly episodes in this process."""
-    with alarm():
-        agent = _guard(job, "__init__()", None, lambda: job.source.make(job.scenario))
-        flight = _Flight(job, agent)
-        size = job.batch_size if flight.call == "act_batch" else 1
-        for k in range(0, len(numbers), size):
-            yield from flight.fly(numbers[k : k + size])
+        clock.stop()
+    if job.agent_sha256 is not None and job.source.digest(job.scenario) != job.agent_sha256:
+        raise _complaint(job, None, "its files changed while it was loaded: start again")
+    return agent
 
 
 class _Flight:
@@ -196,8 +194,8 @@ class _Flight:
         self._state_track = job.source.track == "state"
         self.call = job.source.call(job.scenario)
 
-    def fly(self, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
-        """Fly ``numbers`` side by side, yielding each as it ends."""
+    def fly(self, numbers: Sequence[int], clock: DecisionClock) -> Iterator[EpisodeRecord]:
+        """Fly ``numbers`` side by side, yielding each as it ends; ``clock`` measures the agent's calls."""
         job, count, most = self._job, len(numbers), self._job.scenario.most_uavs
         simulator = self._simulator(count)
         state = simulator.state
@@ -210,13 +208,12 @@ class _Flight:
         if callable(getattr(self._agent, "reset", None)):
             for info in infos:
                 if info["uav"] == 0:
-                    _guard(job, "reset()", ([info], 0), lambda info=info: self._agent.reset(info))
+                    self._ask(clock, "reset()", [info], 0, lambda info=info: self._agent.reset(info))
         while len(running):
             observations = self._observe(simulator, running)
             slots, uavs = np.divmod(running, most)
-            started = time.perf_counter()
-            chosen = self._decide(observations, infos, step)
-            seconds += np.bincount(slots, minlength=count) * ((time.perf_counter() - started) / len(running))
+            chosen, spent = self._decide(clock, observations, infos, step)
+            seconds += np.bincount(slots, minlength=count) * (spent / len(running))
             all_actions = np.full((count, most), HOVER)
             all_actions[slots, uavs] = actions[slots, step, uavs] = chosen
             simulator.step(all_actions if job.scenario.team else all_actions[:, 0])
@@ -270,26 +267,53 @@ class _Flight:
             return batch
         return {name: values[running] for name, values in batch.items()}
 
-    def _decide(self, observations: Observation, infos: list[dict[str, Any]], step: int) -> NDArray[np.int64]:
-        """Ask the agent, and refuse what is not an action."""
-        job, agent, call = self._job, self._agent, f"{self.call}()"
-        if self.call == "act":
-            return np.array([self._act(observations, infos, k, step) for k in range(len(infos))])
+    def _decide(
+        self, clock: DecisionClock, observations: Observation, infos: list[dict[str, Any]], step: int
+    ) -> tuple[NDArray[np.int64], float]:
+        """Ask the agent; return its actions, and the seconds that it took. Refuse what is not an action."""
+        agent, call = self._agent, f"{self.call}()"
         if self.call == "act_batch":
-            answer = _guard(job, call, (infos, step), lambda: agent.act_batch(observations, infos))
-        else:
-            rows = [{name: values[k] for name, values in observations.items()} for k in range(len(infos))]
-            answer = _guard(job, call, (infos, step), lambda: agent.act_team(rows, infos))
-        chosen = _array(job, answer, call, (infos, step))
-        if chosen.shape != (len(infos),):
-            raise _complaint(job, (infos, step), f"{call} returned shape {chosen.shape}, expected ({len(infos)},)")
-        return np.array([_action(job, each, call, ([info], step)) for each, info in zip(chosen, infos, strict=True)])
+            return self._ask(clock, call, infos, step, lambda: agent.act_batch(observations, infos), (len(infos),))
+        rows = [{name: values[k] for name, values in observations.items()} for k in range(len(infos))]
+        if self.call == "act":
+            chosen, spent = np.empty(len(infos), dtype=np.int64), 0.0
+            for k, (observation, info) in enumerate(zip(rows, infos, strict=True)):
+                chosen[k], seconds = self._ask(clock, call, [info], step, lambda o=observation, i=info: agent.act(o, i), ())
+                spent += seconds
+            return chosen, spent
+        return self._ask(clock, call, infos, step, lambda: agent.act_team(rows, infos), (len(infos),))
 
-    def _act(self, observations: Observation, infos: list[dict[str, Any]], k: int, step: int) -> int:
-        """Ask the agent for one UAV."""
-        observation, info = {name: values[k] for name, values in observations.items()}, infos[k]
-        answer = _guard(self._job, "act()", ([info], step), lambda: self._agent.act(observation, info))
-        return _action(self._job, answer, "act()", ([info], step))
+    def _ask(
+        self,
+        clock: DecisionClock,
+        call: str,
+        infos: list[dict[str, Any]],
+        step: int,
+        function: Callable[[], Any],
+        shape: tuple[int, ...] | None = None,
+    ) -> tuple[Any, float]:
+        """Call the agent; return its actions, which must be of ``shape``, and the seconds that it took.
+
+        What it raises, what is no action, and its taking too long become an `AgentError`. All that may run the agent's code
+        is done while the clock runs.
+        """
+        job, where, answer, answered = self._job, (infos, step), None, False
+        clock.start(call, infos, step)
+        try:
+            answer, answered = function(), True
+            actions = None if shape is None else _actions(job, answer, call, where, shape)
+        except AgentError:
+            raise
+        except (Exception, SystemExit) as error:
+            if answered:
+                reason = f"{call} returned {_shown(answer)}, which is no array of integers: {_said(error)}"
+                raise _complaint(job, where, reason) from None
+            raise _complaint(job, where, f"{call} raised {_said(error)}\n{_trace()}") from error
+        finally:
+            seconds = clock.stop()
+        if job.decision_timeout is not None and seconds > job.decision_timeout:
+            raise _complaint(job, where, f"{call} took {seconds:.1f} s, longer than {job.decision_timeout:g} s")
+        return actions, seconds
 
 
 _Where = tuple[list[dict[str, Any]], int] | None  # what the agent was told, and the step
@@ -301,23 +325,39 @@ def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
         yield dict(zip(columns, values, strict=True))
 
 
-def _action(job: Job, answer: Any, call: str, where: _Where) -> int:
-    """Return an agent's answer as an action, or complain."""
-    value = _array(job, answer, call, where)
-    if value.shape != () or value.dtype.kind not in "iu":
-        shape = f" of shape {value.shape}" if value.shape else ""
-        raise _complaint(job, where, f"{call} returned {answer!r} ({value.dtype}{shape}), expected an integer from 0 to 5")
-    if not 0 <= value < NUM_ACTIONS:
-        raise _complaint(job, where, f"{call} returned {answer!r}, expected an integer from 0 to 5")
-    return int(value)
+def _actions(job: Job, answer: Any, call: str, where: _Where, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return an agent's answer as actions of a shape, or complain."""
+    actions = np.asarray(answer)
+    if shape and actions.shape != shape:
+        raise _complaint(job, where, f"{call} returned shape {actions.shape}, expected {shape}")
+    if actions.shape != shape or actions.dtype.kind not in "iu":
+        found = f"{actions.dtype} of shape {actions.shape}" if actions.shape else str(actions.dtype)
+        raise _complaint(job, where, f"{call} returned {_shown(answer)} ({found}), expected an integer from 0 to 5")
+    wrong = (actions < 0) | (actions >= NUM_ACTIONS)
+    if wrong.any():
+        assert where is not None
+        k = int(wrong.argmax())
+        value = actions[k] if shape else answer
+        info = where[0][k]
+        raise _complaint(job, ([info], where[1]), f"{call} returned {_shown(value)}, expected an integer from 0 to 5")
+    return actions.astype(np.int64)
 
 
-def _array(job: Job, answer: Any, call: str, where: _Where) -> NDArray[Any]:
-    """Return an agent's answer as an array, or complain."""
+def _shown(answer: Any) -> str:
+    """Return what an agent returned as a text of bounded length, whatever it is."""
     try:
-        return np.asarray(answer)
+        text = repr(answer)
     except Exception as error:
-        raise _complaint(job, where, f"{call} returned {answer!r}, which is no array of integers: {error}") from None
+        text = f"a {type(answer).__name__} that cannot be shown ({type(error).__name__})"
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
+
+
+def _said(error: BaseException) -> str:
+    """Return the class and the message of an exception, whatever it is."""
+    try:
+        return f"{type(error).__name__}: {error}"
+    except Exception:
+        return f"{type(error).__name__}, whose message cannot be read"
 
 
 def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
@@ -333,25 +373,10 @@ def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
     return AgentError(f"{place}: {reason}")
 
 
-def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> Any:
-    """Call an agent; turn what it raises, or its taking too long, into an `AgentError` with its traceback."""
-    limit = None if call == "__init__()" else job.decision_timeout  # weights may take their time to load
-    started = time.perf_counter()
-    try:
-        set_alarm(limit)
-        try:
-            answer = function()
-        finally:
-            set_alarm(None)
-    except TimeUpError:
-        raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
-    except (Exception, SystemExit) as error:
-        if call == "__init__()" and isinstance(error, Exception) and job.source.meant(error):
-            raise _complaint(job, where, str(error)) from None
-        raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
-    if limit is not None and time.perf_counter() - started > limit:
-        raise _complaint(job, where, f"{call} took {time.perf_counter() - started:.1f} s, longer than {limit:g} s")
-    return answer
+def _agents_frames(trace: str) -> str:
+    """Return the agent's frames of a trace by `faulthandler`, in the order of Python's own."""
+    frames = list(itertools.takewhile(lambda line: __file__ not in line, trace.splitlines()[1:]))
+    return "\n".join(["Traceback (most recent call last):", *reversed(frames)]) if frames else ""
 
 
 def _trace() -> str:
@@ -361,7 +386,7 @@ def _trace() -> str:
     skip = False
     for line in text:
         if line.startswith("  File "):
-            skip = __file__ in line or set_alarm.__code__.co_filename in line
+            skip = __file__ in line
         elif not line.startswith("    "):
             skip = False
         if not skip:

@@ -4,10 +4,12 @@ Numba looks only at the file of a function to decide whether its cached machine 
 kernels of other files. So the cache folder is named by a digest of the whole package: a change anywhere compiles anew.
 """
 
+import contextlib
 import hashlib
+import importlib
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -52,3 +54,20 @@ def kernel(function: _F) -> _F:
         return cast("Any", numba).njit(cache=True, error_model="numpy")(function)
     finally:
         config.CACHE_DIR = before
+
+
+@contextlib.contextmanager
+def compilations_told(begin: Callable[[], None], end: Callable[[], None]) -> Generator[None]:
+    """Call ``begin`` and ``end`` around everything that Numba compiles, or reads from its cache, in the block."""
+    event: Any = importlib.import_module("numba.core.event")
+    base: Any = event.Listener
+
+    class Listener(base):
+        def on_start(self, event: object) -> None:
+            begin()
+
+        def on_end(self, event: object) -> None:
+            end()
+
+    with event.install_listener("numba:compiler_lock", Listener()):
+        yield

@@ -18,6 +18,11 @@ def scenario_paths() -> dict[str, Path]:
     return {path.stem: path for path in sorted(_folder("scenarios").glob("*.toml"))}
 
 
+def baselines_folder() -> Path:
+    """Return the folder of the shipped baseline agents."""
+    return _folder("baselines")
+
+
 def baseline_paths() -> dict[str, Path]:
     """Return the file of every shipped baseline agent, by name, in alphabetical order."""
     return {path.stem: path for path in sorted(_folder("baselines").glob("*.py"))}

@@ -5,6 +5,7 @@ The files of a result are put in their place together, or not at all.
 
 import csv
 import json
+import os
 import platform
 import shutil
 import stat
@@ -238,6 +239,7 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
         "scenario_digest": job.scenario.digest,
         "agent": job.source.name,
         "agent_sha256": job.source.digest(job.scenario),
+        **({"agent_file": str(job.source.file)} if job.source.file else {}),
         "track": job.source.track,
         "split": job.split,
         "episodes": episodes,
@@ -245,7 +247,7 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
 
 
 def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
-    """Write a result's files beside ``folder`` and then put them in its place, all at once.
+    """Write a result's files beside ``folder`` and then put them in its place, all at once; what else is in it stays in it.
 
     Raises
     ------
@@ -275,9 +277,11 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
         "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
         "episodes": np.array([record.episode for record in records]),
     }
-    new = folder.with_name(f".{folder.name}.new")
+    new = folder.with_name(f".{folder.name}.{os.getpid()}.new")  # that of no other process that publishes the same
     shutil.rmtree(new, ignore_errors=True)
-    new.mkdir(parents=True)
+    if folder.is_dir():
+        shutil.copytree(folder, new, symlinks=True)
+    new.mkdir(parents=True, exist_ok=True)
     (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
     (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))

@@ -9,9 +9,9 @@ import json
 import shutil
 import time
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,18 +27,31 @@ _CHECKPOINT_SECONDS = 10.0
 _TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
 
 
+class Planned(NamedTuple):
+    """An evaluation to come.
+
+    Attributes
+    ----------
+    job : Job
+    episodes : int
+        How many.
+    optional : bool
+        Whether it is left out when the agent declines the scenario, because nobody named the scenario.
+    """
+
+    job: Job
+    episodes: int
+    optional: bool
+
+
 def jobs(
     source: AgentSource,
     scenarios: Sequence[str] | None,
     split: str,
     episodes: int | None,
     decision_timeout: float | None,
-    on_declined: Callable[[str], None] = lambda reason: None,
-) -> list[tuple[Job, int]]:
-    """Plan evaluations: a job and its number of episodes for each scenario.
-
-    ``"all"`` are all that are shipped but those that the agent declines, of which ``on_declined`` is told; None is what the
-    agent was trained on, or the suite's first.
+) -> list[Planned]:
+    """Plan evaluations, one for each scenario: ``"all"`` are all that are shipped, None is what the agent was trained on.
 
     Raises
     ------
@@ -47,15 +60,11 @@ def jobs(
     AgentLoadError
         When the agent cannot be loaded.
     """
-    planned: list[tuple[Job, int]] = []
+    planned: list[Planned] = []
     names = [each for name in scenarios or [source.trained_on] for each in (scenario_paths() if name == "all" else [name])]
     source.load()
     for name in dict.fromkeys(names):
         scenario = load_scenario(name)
-        declined = source.declines(scenario) if scenarios and name not in scenarios else None
-        if declined:
-            on_declined(f"{name}: left out: {declined}")
-            continue
         try:
             checked = check_split(split)
         except ValueError as error:
@@ -64,7 +73,8 @@ def jobs(
         count = episodes or min(size, _TRAIN_EPISODES)
         if count > size:
             raise ResultError(f"--episodes: {count}, but {scenario.id} has {size} {split} episodes")
-        planned.append((Job(source, scenario, checked, decision_timeout), count))
+        optional = scenarios is not None and name not in scenarios
+        planned.append(Planned(Job(source, scenario, checked, decision_timeout), count, optional))
     return planned
 
 
@@ -94,7 +104,8 @@ def run(
     resume : bool
         Go on from an interrupted run; there need not be one. A finished one is returned as it is.
     overwrite : bool
-        Replace a finished result even by one of another split or of fewer episodes, and an interrupted run by one of others.
+        Replace a finished result even by one of another split, of fewer episodes, or of another agent of the same name; and
+        an interrupted run of others.
     on_start : callable
         Called once, when all is checked and the first episode is about to be flown.
     on_record : callable
@@ -103,14 +114,16 @@ def run(
     Raises
     ------
     ResultError
-        When ``out`` cannot be written, when an interrupted run is there and ``resume`` is not given or it is of something
-        else, when a finished result of another split or of more episodes, or an interrupted one of others, is there and
-        ``overwrite`` is not given, or when the agent's weights have changed meanwhile.
+        When ``out`` cannot be written; when an interrupted run is there, and ``resume`` is not given or it is of something
+        else; when a finished result of another split, of more episodes or of another agent of that name, or an interrupted run
+        of others, is there and ``overwrite`` is not given; or when the agent's files have changed meanwhile: nothing of what it
+        flew is kept then.
     AgentError, KeyboardInterrupt
         When the agent fails or the user interrupts; what was finished is kept.
     """
-    folder = out / job.scenario.id / job.source.name
+    folder = out.absolute() / job.scenario.id / job.source.name
     sought = identity(job, episodes)
+    job = replace(job, agent_sha256=sought["agent_sha256"])
     with _saying_where(folder.parent):
         check_writable(folder.parent)
     partial = _Partial(folder.with_name(folder.name + ".partial"), sought)
@@ -123,6 +136,11 @@ def run(
             f"{folder} holds a result of {finished.summary['episodes']} {finished.summary['split']} episodes: "
             "give another --out, or --overwrite"
         )
+    if finished and not overwrite and _is_of_another(finished.summary, sought):
+        raise ResultError(
+            f"{folder} holds a result of another agent that is called {job.source.name} ({_agent_file(finished.summary)}): "
+            "give this one another name with --name NAME, give another --out, or --overwrite"
+        )
     on_start()
     for record in records.values():
         on_record(record)
@@ -133,25 +151,59 @@ def run(
             records[record.episode] = record
             on_record(record)
             if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
+                _check_unchanged(job, episodes, sought)
                 partial.save(records, spent + time.perf_counter() - started)
                 saved = time.perf_counter()
         wall_time = spent + time.perf_counter() - started
-        if identity(job, episodes) != sought:
-            raise ResultError(f"{job.source.name}: its weights changed while it flew: copy them, and start over")
+        _check_unchanged(job, episodes, sought)
         with _saying_where(folder):
             result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
     except BaseException as error:
         try:
+            _check_unchanged(job, episodes, sought)
             partial.save(records, spent + time.perf_counter() - started)
+        except _ChangedError as changed:
+            partial.remove()
+            if not isinstance(error, _ChangedError):
+                raise changed from error
         except ResultError as full:
             if str(full) != str(error):
                 error.add_note(str(full))
         else:
             if records:
                 error.add_note(f"finished episodes are kept in {out}; --resume goes on, if the agent's files are as they were")
+        with contextlib.suppress(OSError):
+            folder.parent.rmdir()  # if nothing is in it
         raise
     partial.remove()
     return result
+
+
+class _ChangedError(ResultError):
+    """The files of an agent changed while it flew: nobody knows which episodes were flown by which."""
+
+
+def _check_unchanged(job: Job, episodes: int, sought: dict[str, Any]) -> None:
+    """Refuse to go on with an agent whose files are not those that began."""
+    try:
+        if identity(job, episodes) == sought:
+            return
+    except OSError:  # a file is gone
+        pass
+    raise _ChangedError(
+        f"{job.source.name}: its files or weights changed while it flew, so nothing that it flew is kept: copy them, and start "
+        "over"
+    )
+
+
+def _is_of_another(found: dict[str, Any], sought: dict[str, Any]) -> bool:
+    """Say whether what is there is of another agent than the one sought, and not of the same file as it was before an edit."""
+    return found.get("agent_sha256") != sought["agent_sha256"] and found.get("agent_file") != sought.get("agent_file")
+
+
+def _agent_file(found: dict[str, Any]) -> str:
+    """Return where an agent's file was, or its digest."""
+    return str(found.get("agent_file") or f"SHA-256 {_short(found.get('agent_sha256'))}")
 
 
 @contextlib.contextmanager
@@ -196,6 +248,11 @@ class _Partial:
             raise ResultError(f"{self._path}: damaged ({error}); delete its folder to start over") from None
         differ = {name for name, value in self._identity.items() if identity.get(name) != value}
         where = f"{self._path.parent} holds an unfinished run of {identity['agent']} on {identity['scenario']}"
+        if not resume and not overwrite and _is_of_another(identity, self._identity):
+            raise ResultError(
+                f"{where}, of another agent of that name ({_agent_file(identity)}): finish it first, give this one another "
+                "name with --name NAME, give another --out, or --overwrite"
+            )
         if not resume and (differ - {"split", "episodes"} or (differ and overwrite)):
             return {}, 0.0  # an agent or scenario edited since: a new run
         if not resume and differ:

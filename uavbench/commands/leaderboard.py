@@ -36,8 +36,8 @@ def submit(
     from rich.console import Console
 
     from uavbench import UavbenchError
-    from uavbench.display import working
     from uavbench.leaderboard.submit import submit as make_submission
+    from uavbench.progress import working
     from uavbench.results import load_result
 
     try:
@@ -60,9 +60,9 @@ def verify(folder: _Submissions, workers: _Workers = 1) -> None:
     from rich.console import Console
 
     from uavbench import UavbenchError
-    from uavbench.display import working
     from uavbench.leaderboard.board import submission_folders
     from uavbench.leaderboard.board import verify as check
+    from uavbench.progress import working
 
     try:
         folders = submission_folders(folder)
@@ -92,9 +92,10 @@ def build(
     from rich.console import Console
 
     from uavbench import UavbenchError
-    from uavbench.display import leaderboard_tables, working
+    from uavbench.display import leaderboard_tables
     from uavbench.leaderboard.board import build as build_board
     from uavbench.leaderboard.board import submission_folders
+    from uavbench.progress import working
 
     console = Console()
     try:
@@ -138,10 +139,10 @@ def rerun(
 
     from uavbench import UavbenchError
     from uavbench.agent import find_agent
-    from uavbench.display import episodes_progress
     from uavbench.leaderboard.board import submission_folders
     from uavbench.leaderboard.reruns import check_reruns, fly_again, save_rerun
     from uavbench.leaderboard.submission import load_submission
+    from uavbench.progress import episodes_progress
 
     try:
         source = find_agent(agent, weights)

@@ -28,7 +28,7 @@ def train(
 
     from uavbench import UavbenchError, load_scenario
     from uavbench.agent import find_agent
-    from uavbench.display import training_progress
+    from uavbench.progress import training_progress
     from uavbench.train import Training, read_config
     from uavbench.train import train as train_agent
 

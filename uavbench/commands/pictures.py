@@ -50,8 +50,8 @@ def film(
     from rich.console import Console
 
     from uavbench import UavbenchError
-    from uavbench.display import working
     from uavbench.film import check_film, save_film
+    from uavbench.progress import working
     from uavbench.watch import recorded_scenes
 
     try:
@@ -107,7 +107,7 @@ def report(
     from rich.console import Console
 
     from uavbench import UavbenchError
-    from uavbench.display import working
+    from uavbench.progress import working
     from uavbench.report import FILES, write_report
 
     try:

@@ -114,7 +114,8 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
     """Write the submission of a result; return its folder."""
     scenario = shipped(result.summary)
     try:
-        manifest = Manifest.model_validate({**told, "result": result.summary})
+        summary = {name: value for name, value in result.summary.items() if name != "agent_file"}  # a path of this machine
+        manifest = Manifest.model_validate({**told, "result": summary})
     except ValidationError as error:
         raise SubmissionError(first_error(error)) from None
     folder = submissions / manifest.folder / scenario
