@@ -18,13 +18,13 @@ from uavbench.train import Point, TrainError, Training, read_config, train
 from uavbench.weights import WeightsError, load_weights, save_weights
 
 
-@pytest.mark.parametrize("scenario", [CPP, DH], ids=["CPP", "DH"])
-def test_training_that_is_interrupted_ends_as_if_it_had_not_been(scenario, tmp_path):
+@pytest.mark.parametrize(("scenario", "sent"), [(CPP, signal.SIGINT), (DH, signal.SIGTERM)], ids=["CPP", "DH"])
+def test_training_that_is_interrupted_ends_as_if_it_had_not_been(scenario, sent, tmp_path):
     whole = train(training(scenario=scenario), tmp_path / "whole")
 
     def interrupt(updates):
         if updates == 27:
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), sent)
 
     with pytest.raises(KeyboardInterrupt):
         train(training(scenario=scenario), tmp_path / "parts", on_update=interrupt)
