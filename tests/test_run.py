@@ -2,6 +2,8 @@
 
 import os
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -272,3 +274,14 @@ def test_a_failed_run_leaves_the_earlier_result_alone(tmp_path):
     with pytest.raises(AgentError):
         run(job("Raises"), N, tmp_path)
     assert files(bad) == before
+
+
+def test_a_script_that_runs_at_its_top_level_is_not_run_again_by_the_workers(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from pathlib import Path\nfrom uavbench import load_scenario\nfrom uavbench.agent import find_agent\n"
+        "from uavbench.evaluate import Job\nfrom uavbench.run import run\nprint('once')\n"
+        "print(run(Job(find_agent('random'), load_scenario('Block8-CPP-v0'), 'test'), 3, Path('results')).summary['episodes'])\n"
+    )
+    found = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (found.returncode, found.stdout) == (0, "once\n3\n"), found.stderr

@@ -19,6 +19,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, MutableSequence, Sequence
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from uavbench.errors import UavbenchError
@@ -107,7 +108,7 @@ class _Worker:
         self._shown: Any = context.RawArray("d", SHOWN)
         self._trace = trace
         self._process = context.Process(target=_serve, args=(work, theirs, self._shown, trace), daemon=True)
-        with _interrupt_held_back():
+        with _interrupt_held_back(), _main_left_out():
             self._process.start()
         theirs.close()
 
@@ -167,6 +168,17 @@ def _interrupt_held_back() -> Generator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextlib.contextmanager
+def _main_left_out() -> Generator[None]:
+    """Start processes in the block that do not import the main program: it need not be one that may be imported twice."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _serve(work: Work, connection: "Connection[Any, Any]", shown: Any, trace: Path) -> None:
