@@ -281,7 +281,8 @@ def test_a_script_that_runs_at_its_top_level_is_not_run_again_by_the_workers(tmp
     script.write_text(
         "from pathlib import Path\nfrom uavbench import load_scenario\nfrom uavbench.agent import find_agent\n"
         "from uavbench.evaluate import Job\nfrom uavbench.run import run\nprint('once')\n"
-        "print(run(Job(find_agent('random'), load_scenario('Block8-CPP-v0'), 'test'), 3, Path('results')).summary['episodes'])\n"
+        "job = Job(find_agent('random'), load_scenario('Block8-CPP-v0'), 'test')\n"
+        "print(run(job, 3, Path('results')).summary['episodes'])\n"
     )
     found = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (found.returncode, found.stdout) == (0, "once\n3\n"), found.stderr
