@@ -20,6 +20,8 @@ class Agent:
     track = "state"
 
     def __init__(self, scenario):
+        if scenario.mission.kind not in ("coverage", "harvesting"):
+            raise ValueError(f"greedy flies coverage and data harvesting, not {scenario.mission.kind} ({scenario.id})")
         coverage = scenario.mission.kind == "coverage"
         self._gains = self._coverage_gains if coverage else self._harvesting_gains
         self._take = self._cover if coverage else self._empty

@@ -94,12 +94,14 @@ class Agent:
     def __init__(self, scenario):
         if scenario.team:
             raise ValueError(f"orienteering plans for one UAV; {scenario.id} is for teams: choose one without Team in its id")
+        if scenario.mission.kind not in _MISSIONS:
+            raise ValueError(f"orienteering flies coverage and data harvesting, not {scenario.mission.kind} ({scenario.id})")
         if importlib.util.find_spec("pyvrp") is None:
             raise ImportError("orienteering needs PyVRP: pip install 'uavbench[planning]'")
         self._city = city_of(scenario)
         self._home = self._city.home.reshape(-1).copy()
         self._away = {}
-        self._mission = (_Coverage if scenario.mission.kind == "coverage" else _Harvesting)(scenario, self._city)
+        self._mission = _MISSIONS[scenario.mission.kind](scenario, self._city)
 
     def reset(self, info):
         """Forget the last episode."""
@@ -349,6 +351,9 @@ class _Harvesting:
                 near = np.arange(len(fits)) == np.argmin(np.where(fits, np.hypot(down, right), np.inf))
             stops += [Stop(int(cell), k, float(left[k]), int(hover[cell])) for cell in np.flatnonzero(near & fits)]
         return stops
+
+
+_MISSIONS = {"coverage": _Coverage, "harvesting": _Harvesting}
 
 
 @kernel

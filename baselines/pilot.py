@@ -78,6 +78,8 @@ class Agent:
     def __init__(self, scenario, weights: Path | None = None):
         if scenario.team:
             raise ValueError(f"pilot flies one UAV; {scenario.id} is for teams: choose one without Team in its id")
+        if scenario.mission.kind not in ("coverage", "harvesting"):
+            raise ValueError(f"pilot flies coverage and data harvesting, not {scenario.mission.kind} ({scenario.id})")
         self._scenario, self._planner = scenario, Flights(scenario)
         self._harvests = scenario.mission.kind == "harvesting"
         self._city, self._places = city_of(scenario), places(scenario)
@@ -180,7 +182,7 @@ class Learner:
 
     def __init__(self, scenario, config, seed):
         if scenario.mission.kind != "coverage":
-            raise ValueError(f"{scenario.id}: pilot learns nothing in DH: it flies without training")
+            raise ValueError(f"{scenario.id}: pilot learns in coverage only; DH it flies without training")
         self.scenario, self.config, self.seed, self.updates = scenario, config, seed, 0
         torch.manual_seed(seed)
         self.network = Network(config.channels, config.depth)

@@ -19,6 +19,8 @@ class Agent:
     mending_heat = 0.3  # data units: a temperature that mends a flight and does not forget it
 
     def __init__(self, scenario):
+        if scenario.mission.kind not in ("coverage", "harvesting"):
+            raise ValueError(f"planner flies coverage and data harvesting, not {scenario.mission.kind} ({scenario.id})")
         self._scenario = scenario
         self._harvests = scenario.mission.kind == "harvesting"
         # At the start, of which the best counts; in each, so many changes are tried.

@@ -167,7 +167,7 @@ def evaluate(
                     on_record=lambda record: progress.advance(record.cral),
                 )
             console.print(result_table(result))
-            known = gaps(result)
+            known = gaps(result, job.scenario)
             if known:
                 console.print(gaps_text(known), highlight=False)
             console.print(
