@@ -1,6 +1,8 @@
 """States taken and set: what follows is the same to the last bit, in the simulator and in every environment."""
 
 import pickle
+import re
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -114,7 +116,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing():
         (ValueError, "it is of the scenario with the digest", other, [0]),
         (ValueError, "it is of 3 slots, and is to be set in 2", state, [0, 1]),
         (ValueError, "it is of 3 slots, and is to be set in 8", state, None),
-        (ValueError, "its position does not fit: another version", damaged, [0, 1, 2]),
+        (ValueError, "its mission.cell does not fit: another version", damaged, [0, 1, 2]),
         (ValueError, "its mission.sight does not fit: another version", old, [0, 1, 2]),
         (ValueError, r"index: bool of shape \(8,\)", state, np.arange(8) < 3),
         (ValueError, r"index: float64 of shape", state, [0.5, 1.0, 2.0]),
@@ -198,6 +200,14 @@ def test_a_vector_environment_tries_all_actions_from_one_state():
     envs.set_state(envs.get_state([1, 2]), [4, 5])
     again = envs.get_state().simulator.arrays["position"]
     assert np.array_equal(again[[1, 2]], again[[4, 5]])
+
+
+def test_the_documentations_search_runs():
+    text = (Path(__file__).parent.parent / "docs" / "environments.md").read_text(encoding="utf-8")
+    code = re.search(r"```python\n([^`]*set_state[^`]*)```", text)[1].replace("Manhattan32", "Block8")
+    found = {}
+    exec(code, found)
+    assert found["terminated"]
 
 
 def test_a_wrapped_environment_is_searched():

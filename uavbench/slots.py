@@ -37,9 +37,9 @@ def put(state: SimulatorState, digest: str, arrays: Columns, index: ArrayLike | 
     wanted = len(arrays["key"][slots])  # an IndexError where there is no such slot
     if state.digest != digest:
         raise ValueError(f"state: it is of the scenario with the digest {state.digest[:12]}…, not {digest[:12]}…")
-    for name, array in arrays.items():
-        given = state.arrays.get(name)
-        if given is None or given.dtype != array.dtype or given.shape[1:] != array.shape[1:]:
+    for name in sorted(state.arrays.keys() | arrays.keys()):
+        given, array = state.arrays.get(name), arrays.get(name)
+        if given is None or array is None or given.dtype != array.dtype or given.shape[1:] != array.shape[1:]:
             raise ValueError(f"state: its {name} does not fit: another version of the suite or of the mission wrote it")
         if len(given) not in (1, wanted):
             raise ValueError(f"state: it is of {len(given)} slots, and is to be set in {wanted}")
