@@ -128,20 +128,20 @@ def test_results_of_other_episodes_are_refused(tmp_path):
 
 def test_gaps_are_means_over_the_episodes_that_are_known(own, tmp_path):
     result = fly("greedy", tmp_path, own)
-    assert gaps(result) is None
+    assert gaps(result, own) is None
     cral = result.episodes()["cral"].to_numpy()
     known = {k: Known(k, 1.0, "reach", 20.0) for k in range(10)}
     known[15] = Known(15, best_known=cral[15] - 0.25, agent="random")
     known[N + 1] = Known(N + 1, 0.0, "reach", 20.0)
     save_reference(reference_path(own), own, known)
-    found = gaps(result)
+    found = gaps(result, own)
     assert found.to_bound.mean == pytest.approx(1 - cral[:10].mean())
     assert found.to_best.mean == pytest.approx(-0.25)
     assert (found.bounded, found.compared, found.better) == (10, 1, 1)
     assert found.optimal == (cral[:10] == 1.0).sum()
     save_reference(reference_path(own), own, {N + 1: Known(N + 1, 0.0, "reach", 20.0)})
-    assert gaps(result) is None
-    assert gaps(fly("greedy", tmp_path / "validation", own, "validation")) is None
+    assert gaps(result, own) is None
+    assert gaps(fly("greedy", tmp_path / "validation", own, "validation"), own) is None
 
 
 def test_shipped_references_are_of_their_scenarios_and_hold_together():

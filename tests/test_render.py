@@ -102,10 +102,10 @@ def test_moves_have_the_colour_of_the_device_that_was_served_most():
 
 def test_shadows_are_where_devices_are_not_in_sight():
     simulator, trail = begin(scenario(ROWS, HARVESTING, budget=(5, 40)), devices=[[3, 2, 2.0]])
-    assert np.array_equal(trail.unseen == 0, simulator.city.visible((3, 2)))
+    assert np.array_equal(trail.shade == 0, simulator.city.visible((3, 2)) | simulator.city.building)
     cells = scene_of(simulator, 0, trail).cells
     assert (cells[3, 3] == 255).all()
-    assert trail.unseen[0, 2] == 1
+    assert trail.shade[0, 2] == 1
     assert (cells[0, 2] == int(255 * scene.SHADOW)).all()
 
 

@@ -139,6 +139,19 @@ def test_a_checkpoint_that_does_not_fit_is_refused(name, array, tmp_path):
         train(training(), tmp_path, resume=True)
 
 
+@pytest.mark.parametrize(("scenario", "names"), [(CPP, ["targets"]), (DH, ["device_count", "device_cell", "device_data"])])
+def test_a_checkpoint_of_an_earlier_version_is_refused_by_saying_so(scenario, names, tmp_path):
+    """They held the mission's part as columns of a table of episodes, and no array of its own."""
+    train(training(scenario=scenario), tmp_path)
+    checkpoint = training(scenario=scenario).files(tmp_path)[1]
+    arrays, record = load_weights(checkpoint)
+    old = {name: array for name, array in arrays.items() if not name.startswith("simulator.mission.")}
+    save_weights(checkpoint, {**old, **{f"simulator.{name}": np.zeros(8) for name in names}}, record)
+    with pytest.raises(WeightsError, match=rf"its ({'|'.join(names)}) does not fit: another version of") as error:
+        train(training(scenario=scenario), tmp_path, resume=True)
+    assert "\n" not in str(error.value)
+
+
 def test_weights_of_a_learner_of_ones_own_fly_with_its_code(tmp_path):
     mine = tmp_path / "ddqn.py"  # called as a built-in
     mine.write_text(SOURCE.path.read_text(encoding="utf-8").replace(".argmax(dim=1).numpy()", ".argmax(dim=1).numpy() * 0 + 5"))
@@ -202,7 +215,7 @@ def test_a_learner_that_lacks_something_is_refused_at_once(tmp_path, old, new, r
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (["pilot", "--scenario", "Block8-DH-v0"], "pilot: Block8-DH-v0: pilot learns nothing in DH"),
+        (["pilot", "--scenario", "Block8-DH-v0"], "pilot: Block8-DH-v0: pilot learns in coverage only"),
         (["ddqn", "--scenario", "Manhattan32-CPP-Team-v0"], "ddqn: ddqn learns to fly one UAV"),
         (["ddqn", "--scenario", "Block8-CPP-v0", "--out", "FILE"], "cannot write"),
         (["greedy"], "cannot be trained"),

@@ -1,5 +1,7 @@
 """Scenarios for tests: small, of any shape, made in memory."""
 
+from pathlib import Path
+
 import numpy as np
 from hypothesis import strategies as st
 
@@ -16,6 +18,13 @@ HARVESTING = {
     "edge_snr": -15.0,
     "path_loss_exponent": {"los": 2.27, "nlos": 3.64},
     "fading_variance": {"los": 2.0, "nlos": 5.0},
+}
+SURVEILLANCE = {
+    "kind": "surveillance",
+    "file": Path(__file__).with_name("surveillance.py"),
+    "sites": (3, 6),
+    "reach": 1,
+    "cooldown": 4,
 }
 
 

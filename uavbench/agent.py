@@ -18,6 +18,7 @@ from typing import Any, Literal
 from uavbench import resources
 from uavbench.agent_files import files_digest, import_agent
 from uavbench.errors import UavbenchError
+from uavbench.missions.registry import SHIPPED
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, check_trained, load_weights, trained_on
 
@@ -31,6 +32,8 @@ class AgentLoadError(UavbenchError, ValueError):
     """An agent that cannot be loaded, or does not keep the contract; the message says what to change."""
 
 
+#: Built-ins that fly whatever the rules are. The others say here that they do not: their files are what their digests are of.
+_ANY_MISSION = ("ddqn", "random")
 #: Where an agent is flown if nothing is said.
 FIRST_SCENARIO = "Manhattan32-CPP-v0"
 _ONNX = Path(__file__).with_name("onnx_agent.py")
@@ -202,7 +205,12 @@ class AgentSource:
         ------
         WeightsError
             When the weights are damaged, or were trained on another map or mission.
+        AgentLoadError
+            When it is a built-in that plans by the rules of the shipped missions, and the scenario has another.
         """
+        if self.built_in and self.path.stem not in _ANY_MISSION and scenario.mission.kind not in SHIPPED:
+            known = " and ".join(SHIPPED)
+            raise AgentLoadError(f"{self.path.stem} flies {known}, not {scenario.mission.kind} ({scenario.id})")
         if self.weights is None:
             return self.load()(scenario)
         if self.weights.suffix == ".safetensors":
@@ -211,7 +219,7 @@ class AgentSource:
 
     def meant(self, error: Exception) -> bool:
         """Say whether the agent itself raised an error, to say what it needs: the user has no use for a traceback then."""
-        if isinstance(error, WeightsError):
+        if isinstance(error, UavbenchError):
             return True
         frames = traceback.extract_tb(error.__traceback__)
         own = bool(frames) and Path(frames[-1].filename).resolve() == self.path.resolve()

@@ -177,7 +177,7 @@ def evaluate(
                     on_record=lambda record: progress.advance(record.cral),
                 )
             console.print(result_table(result))
-            known = gaps(result)
+            known = gaps(result, job.scenario)
             if known:
                 console.print(gaps_text(known), highlight=False)
             folder = result.folder.relative_to(start) if result.folder.is_relative_to(start) else result.folder

@@ -3,9 +3,20 @@
 Light to import: reading a scenario must not wait for a compiler.
 """
 
-from typing import Annotated, Literal
+from abc import abstractmethod
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+if TYPE_CHECKING:
+    from uavbench.city import City
+    from uavbench.missions import Mission
+    from uavbench.scenario import Scenario
+
+
+#: The cells of a map.
+FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
 
 
 class Record(BaseModel):
@@ -64,7 +75,89 @@ class ObservationSizes(Record):
         return size
 
 
-class Coverage(Record):
+class Words(NamedTuple):
+    """What pictures say about a mission. An empty text leaves its entry out.
+
+    Attributes
+    ----------
+    target, done : str
+        A cell of the target map that is not 0, and one that was not 0 at the start and is now.
+    movement : str
+        An arrow.
+    mark : str
+        A mark of `uavbench.missions.Mission.marks`. Pictures of a mission without marks colour the cells of the target map.
+    shade : str
+        A cell that `uavbench.missions.Mission.shade` darkens.
+    """
+
+    target: str = "target"
+    done: str = "target, done"
+    movement: str = "movement"
+    mark: str = ""
+    shade: str = ""
+
+
+class MissionParameters(Record):
+    """The parameters of a mission, and what can be said of it without compiling anything.
+
+    A subclass adds its parameters and narrows ``kind`` to one ``Literal``.
+
+    Attributes
+    ----------
+    kind : str
+        The mission's name in scenario files.
+    file : Path, optional
+        The Python file that defines the mission; None for missions that come with the suite. In a scenario's file it is
+        relative to that file.
+    sha256 : str, optional
+        SHA-256 of that file, with line ends of a Unix system. It is part of the scenario's digest.
+    words : Words
+        What pictures say about the mission.
+    counted : str
+        What targets are called where a report counts them; empty where it tells their share of all cells.
+    """
+
+    kind: Any
+    file: Path | None = None
+    sha256: str | None = None
+    words: ClassVar[Words] = Words()
+    counted: ClassVar[str] = ""
+
+    @property
+    @abstractmethod
+    def largest_target(self) -> float:
+        """The largest value of the target map."""
+
+    @property
+    @abstractmethod
+    def exact(self) -> bool:
+        """Whether transitions are the same to the last bit on every platform."""
+
+    @property
+    @abstractmethod
+    def targets(self) -> str:
+        """What the targets are, in a few words, for ``uavbench list``."""
+
+    @abstractmethod
+    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":
+        """Return the mission, with arrays for a batch of ``num_envs`` episodes."""
+
+    def check_map(self, rows: tuple[str, ...]) -> None:
+        """Raise a ValueError that names the parameter when the parameters do not fit the map ``rows``."""
+
+    def viewer(self, shape: tuple[int, int]) -> dict[str, Any] | None:
+        """Return what the leaderboard's page needs to fly the mission on a map of ``shape``, besides the parameters."""
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Pickle a mission of a user's file by that file: another process has to import it first."""
+        if self.file is None:
+            return super().__reduce_ex__(protocol)
+        from uavbench.missions.registry import read_mission
+
+        return read_mission, (self.model_dump(),)
+
+
+class Coverage(MissionParameters):
     """The parameters of coverage path planning (CPP).
 
     Attributes
@@ -81,6 +174,8 @@ class Coverage(Record):
     camera_size: Literal[1, 3, 5, 7]
     shapes: tuple[Count, Count]
     target_fraction: tuple[_Fraction, _Fraction]
+
+    words: ClassVar[Words] = Words(target="target to cover", done="covered target")
 
     _ranges = field_validator("shapes", "target_fraction")(ordered)
 
@@ -99,6 +194,12 @@ class Coverage(Record):
         """What the targets are, in a few words."""
         return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of cells"
 
+    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":
+        """Return the mission, whose only array is the target map."""
+        from uavbench.missions.coverage import CoverageMission
+
+        return CoverageMission(scenario, self, city)
+
 
 class PathLoss(Record):
     """A pair of channel parameters: with line of sight (``los``) and without (``nlos``)."""
@@ -114,7 +215,7 @@ class FadingVariance(Record):
     nlos: Annotated[float, Field(ge=0, allow_inf_nan=False, strict=True)]
 
 
-class Harvesting(Record):
+class Harvesting(MissionParameters):
     """The parameters of data harvesting (DH); channel after Bayerlein et al., GLOBECOM 2020.
 
     Attributes
@@ -145,6 +246,15 @@ class Harvesting(Record):
     path_loss_exponent: PathLoss
     fading_variance: FadingVariance
 
+    words: ClassVar[Words] = Words(
+        target="",
+        done="",
+        movement="movement (served device)",
+        mark="device, with the data left",
+        shade="darker: in sight of fewer devices",
+    )
+    counted: ClassVar[str] = "devices"
+
     _ranges = field_validator("devices", "data")(ordered)
 
     @property
@@ -161,3 +271,24 @@ class Harvesting(Record):
     def targets(self) -> str:
         """What the targets are, in a few words."""
         return f"{self.devices[0]}–{self.devices[1]} devices"
+
+    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":
+        """Return the mission, with the devices of ``num_envs`` episodes."""
+        from uavbench.missions.harvesting import HarvestingMission
+
+        return HarvestingMission(scenario, self, city, num_envs)
+
+    def check_map(self, rows: tuple[str, ...]) -> None:
+        """Raise a ValueError when the map has fewer cells for devices than there may be devices."""
+        places = sum(row.count(FREE) + row.count(NO_FLY) for row in rows)
+        if places < self.devices[1]:
+            raise ValueError(
+                f"mission.devices: up to {self.devices[1]} devices need as many cells outside buildings "
+                f"and landing zones, and the map has {places}"
+            )
+
+    def viewer(self, shape: tuple[int, int]) -> dict[str, Any]:
+        """Return the channel on a map of ``shape``."""
+        from uavbench.missions.harvesting import channel_of
+
+        return channel_of(self, shape)._asdict()

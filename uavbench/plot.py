@@ -81,22 +81,20 @@ def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: 
 
 
 def legend(scenario: Scenario) -> list[Any]:
-    """Return the entries of the paper's Table II that the mission has."""
+    """Return the entries of the paper's Table II that the mission has, in its words."""
     free, landing, no_fly, building = shown.city_colours(("".join((FREE, LANDING, NO_FLY, BUILDING)),))[0]
-    coverage = scenario.mission.kind == "coverage"
+    words = scenario.mission.words
     patches = {"start and landing zone": landing, "no-fly zone": no_fly, "building": building}
-    if coverage:
-        patches |= {"target to cover": shown.blend(free, shown.REMAINING), "covered target": shown.blend(free, shown.COVERED)}
-    else:
-        patches |= {"darker: in sight of fewer devices": free * shown.SHADOW}
-    found: list[Any] = [Patch(facecolor=_hex(colour), edgecolor="0.7", label=name) for name, colour in patches.items()]
+    patches |= {words.target: shown.blend(free, shown.REMAINING), words.done: shown.blend(free, shown.COVERED)}
+    patches |= {words.shade: free * shown.SHADOW}
+    found: list[Any] = [Patch(facecolor=_hex(colour), edgecolor="0.7", label=name) for name, colour in patches.items() if name]
     found += [_line("D", "", "start and end"), _line("x", "", "hover"), _line("X", "", "crash", shown.CRASH)]
     if scenario.team:
         found += [_line(">", "-", f"UAV {u}", shown.UAVS[u % len(shown.UAVS)]) for u in range(scenario.most_uavs)]
     else:
-        found.append(_line(">", "-", "movement" if coverage else "movement (served device)"))
-    if not coverage:
-        found.append(_line("o", "", "device, with the data left", shown.DEVICES[0], markerfacecolor="white", markersize=6))
+        found.append(_line(">", "-", words.movement))
+    if words.mark:
+        found.append(_line("o", "", words.mark, shown.DEVICES[0], markerfacecolor="white", markersize=6))
     return found
 
 

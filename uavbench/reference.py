@@ -179,8 +179,8 @@ def check_result(result: Result, scenario: Scenario) -> None:
             raise ResultError(f"{result.folder}: {field}: {result.summary[field]}, expected {value}")
 
 
-def gaps(result: Result) -> Gaps | None:
-    """Return how far a result is from what is known; None where nothing is.
+def gaps(result: Result, scenario: Scenario) -> Gaps | None:
+    """Return how far a result on ``scenario`` is from what is known; None where nothing is.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def gaps(result: Result) -> Gaps | None:
         When the reference is damaged or of another scenario.
     """
     table = result.episodes()
-    return gaps_of(result.scenario, table) if result.summary["split"] == SPLIT else None
+    return gaps_of(scenario, table) if result.summary["split"] == SPLIT else None
 
 
 def gaps_of(scenario: Scenario, table: Any) -> Gaps | None:

@@ -192,12 +192,12 @@ def _budgets(compared: Compared) -> NDArray[np.float64]:
 
 
 def _amounts(compared: Compared) -> NDArray[np.float64]:
-    """Return, for each episode, the number of devices or the share of cells that are targets, in per cent."""
+    """Return, for each episode, how many cells are targets: their number where the mission counts them, else in per cent."""
     numbers = compared.tables[0]["episode"].tolist()
     simulator = Simulator(compared.scenario, len(numbers))
     simulator.reset(range(len(numbers)), compared.split, numbers)
     there = (simulator.state.target > 0).sum(axis=(1, 2)).astype(np.float64)
-    return there if compared.scenario.mission.kind == "harvesting" else 100 * there / simulator.state.target[0].size
+    return there if compared.scenario.mission.counted else 100 * there / simulator.state.target[0].size
 
 
 def _cral_against_budget(compared: Compared) -> Any:
@@ -205,8 +205,7 @@ def _cral_against_budget(compared: Compared) -> Any:
 
 
 def _cr_against_targets(compared: Compared) -> Any:
-    harvests = compared.scenario.mission.kind == "harvesting"
-    label = "devices" if harvests else "share of target cells, %"
+    label = compared.scenario.mission.counted or "share of target cells, %"
     return _against(compared, label, "CR, %", _amounts(compared), lambda table: table["cr"])
 
 

@@ -72,7 +72,7 @@ class Result:
     @property
     def scenario(self) -> Scenario:
         """Its scenario: one that is shipped, or a user's own, where it was."""
-        return load_scenario(self.summary.get("scenario_file") or self.summary["scenario"])
+        return load_scenario(self.summary.get("scenario_file") or self.summary["scenario"], run_code=False)
 
     def episodes(self) -> "pd.DataFrame":
         """Return ``episodes.csv`` as a table.

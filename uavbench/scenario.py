@@ -13,13 +13,24 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, SupportsIndex
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
 from uavbench import resources
 from uavbench.errors import UavbenchError
-from uavbench.parameters import Count, Coverage, Harvesting, ObservationSizes, Record, Rewards, TeamSize, ordered
-
-FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
+from uavbench.missions.registry import read_mission
+from uavbench.parameters import (
+    BUILDING,
+    FREE,
+    LANDING,
+    NO_FLY,
+    Count,
+    MissionParameters,
+    ObservationSizes,
+    Record,
+    Rewards,
+    TeamSize,
+    ordered,
+)
 
 SplitName = Literal["train", "validation", "test"]
 SPLITS: tuple[SplitName, ...] = ("train", "validation", "test")
@@ -90,7 +101,7 @@ class Scenario(Record):
     uavs: tuple[TeamSize, TeamSize] | None = None
     rewards: Rewards
     observation: ObservationSizes
-    mission: Annotated[Coverage | Harvesting, Field(discriminator="kind")]
+    mission: SerializeAsAny[Annotated[MissionParameters, BeforeValidator(read_mission)]]
     splits: Splits = Splits()
     rows: tuple[str, ...]
     path: Path
@@ -116,13 +127,7 @@ class Scenario(Record):
         starts = sum(row.count(LANDING) for row in self.rows)
         if starts < self.most_uavs:
             raise ValueError(f"uavs: up to {self.most_uavs} start in landing cells of their own, and the map has {starts}")
-        if isinstance(self.mission, Harvesting):
-            places = sum(row.count(FREE) + row.count(NO_FLY) for row in self.rows)
-            if places < self.mission.devices[1]:
-                raise ValueError(
-                    f"mission.devices: up to {self.mission.devices[1]} devices need as many cells outside buildings "
-                    f"and landing zones, and the map has {places}"
-                )
+        self.mission.check_map(self.rows)
         return self
 
     @property
@@ -144,8 +149,8 @@ class Scenario(Record):
     def digest(self) -> str:
         """SHA-256 of everything that defines the scenario; titles and file names do not."""
         parts = self.model_dump(mode="json", exclude={"title", "map", "path"}, exclude_defaults=True)
-        for split in parts.get("splits", {}).values():
-            split.pop("file", None)
+        for part in (parts["mission"], *parts.get("splits", {}).values()):
+            part.pop("file", None)  # its SHA-256 stays
         return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def with_observation(self, local_size: int | None = None, global_scale: int | None = None) -> "Scenario":
@@ -232,11 +237,9 @@ def _first(error: ValidationError) -> str:
     """Say the first thing wrong as ``field: reason``, and how many more there are."""
     # An unknown key first: a misspelt one is also a missing one, and that says less.
     first = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")[0]
-    place = ".".join(str(part) for part in first["loc"] if part not in ("coverage", "harvesting"))
+    place = ".".join(str(part) for part in first["loc"])
     reason = _REASONS.get(first["type"], first["msg"].removeprefix("Value error, "))
-    if first["type"] == "union_tag_invalid":
-        place, reason = "mission.kind", f"{first.get('ctx', {}).get('tag')!r} is not 'coverage' or 'harvesting'"
-    elif first["type"] == "string_pattern_mismatch":
+    if first["type"] == "string_pattern_mismatch":
         reason = f"{first['input']!r} is not of the form expected" + (", as in MyCity-CPP-v0" if place == "id" else "")
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     return (f"{place}: {reason}" if place else reason) + more
@@ -250,8 +253,8 @@ def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
         raise ScenarioError(f"{scenario}: map: cannot read {path}: {error}") from None
 
 
-def _load(path: Path) -> Scenario:
-    """Load the TOML file ``path`` and the map it names."""
+def _load(path: Path, run_code: bool = True) -> Scenario:
+    """Load the TOML file ``path``, and the map and the mission's file that it names."""
     try:
         values: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
@@ -261,6 +264,12 @@ def _load(path: Path) -> Scenario:
             raise ScenarioError(f"{path}: {name}: unknown key")
     if isinstance(values.get("map"), str):
         values["rows"] = _read_map(path.parent / values["map"], path)
+    mission: Any = values.get("mission")
+    if isinstance(mission, dict) and isinstance(mission.get("file"), str):  # pyright: ignore[reportUnknownMemberType]
+        if not run_code:
+            reason = "it is code, and runs only if you name the scenario yourself"
+            raise ScenarioError(f"{path}: mission.file: {reason}: --scenario {path}")
+        mission["file"] = path.parent / mission["file"]
     try:
         return Scenario(**values, path=path)
     except ValidationError as error:
@@ -269,13 +278,16 @@ def _load(path: Path) -> Scenario:
         raise ScenarioError(f"{where}: {reason.replace('rows', 'map', 1) if where != str(path) else reason}") from None
 
 
-def load_scenario(id_or_path: str | Path) -> Scenario:
+def load_scenario(id_or_path: str | Path, run_code: bool = True) -> Scenario:
     """Load a shipped scenario by its id, or a user's own by the path of its TOML file.
 
     Parameters
     ----------
     id_or_path : str or Path
         ``"Manhattan32-CPP-v0"``, or a path that ends in ``.toml``.
+    run_code : bool
+        Whether a scenario may name a Python file that defines its mission, which is imported then. Pass False where a
+        stranger may have chosen the path.
 
     Raises
     ------
@@ -295,7 +307,7 @@ def load_scenario(id_or_path: str | Path) -> Scenario:
         near = difflib.get_close_matches(name.lower(), alike, n=1, cutoff=0.4)
         hint = f"did you mean {alike[near[0]]}?" if near else f"known are {', '.join(shipped)};"
         raise ScenarioError(f"{id_or_path}: unknown scenario; {hint} your own is given by the path of its .toml file")
-    scenario = _load(path)
+    scenario = _load(path, run_code)
     original = shipped.get(scenario.id, path)
     if original != path and _load(original).digest != scenario.digest:
         raise ScenarioError(f"{path}: id: {scenario.id} is a shipped scenario and means something else; choose another id")

@@ -85,7 +85,7 @@ def city_colours(rows: tuple[str, ...]) -> NDArray[np.uint8]:
 
 def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
     """Return what there is to see of the episode in slot ``i`` after a flight along ``trail``."""
-    state, harvests = simulator.state, simulator.scenario.mission.kind == "harvesting"
+    state, devices = simulator.state, _devices(simulator, i, trail)
     moves: list[tuple[Cell, Cell, Colour]] = []
     hovers: list[tuple[Cell, Colour]] = []
     starts: list[tuple[Cell, Colour]] = []
@@ -95,7 +95,7 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
     for u, cells in enumerate(trail.cells):
         own = UAVS[u % len(UAVS)]
         plain = own if simulator.scenario.team else PATH
-        served = trail.served if harvests and not simulator.scenario.team else ()
+        served = trail.served if devices and not simulator.scenario.team else ()
         starts.append((cells[0], plain))
         for t, (here, there) in enumerate(pairwise(cells)):
             colour = DEVICES[served[t] % len(DEVICES)] if served and served[t] >= 0 else plain
@@ -115,25 +115,28 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
         f"Movement {used}/{int(state.initial_budget[i, : len(trail.cells)].sum())}, CR = {cr if cr == 1 else min(cr, 0.99):.2f}"
     )
     return Scene(
-        cells=_shadowed(simulator, trail) if harvests else _covered(simulator, i, trail),
+        cells=_cells(simulator, i, trail, targets=not devices),
         moves=moves,
         hovers=hovers,
         starts=starts,
         ends=ends,
         crashes=crashes,
         uavs=uavs,
-        devices=_devices(simulator, i, trail) if harvests else [],
+        devices=devices,
         title=f"{title}, crashed" if crashes else title,
         scenario=simulator.scenario,
     )
 
 
-def _covered(simulator: Simulator, i: int, trail: Trail) -> NDArray[np.uint8]:
-    """Return the map with what is still to cover, and what was; zones shine through."""
+def _cells(simulator: Simulator, i: int, trail: Trail, targets: bool) -> NDArray[np.uint8]:
+    """Return the map with its shade; with ``targets`` also what is left of them, and what is not: zones shine through."""
     colours = city_colours(simulator.scenario.rows).astype(np.float32)
-    remaining = simulator.state.target[i] > 0
-    for cells, colour in ((remaining, REMAINING), ((trail.target > 0) & ~remaining, COVERED)):
-        colours[cells] = blend(colours[cells], colour)
+    if trail.shade is not None:
+        colours *= (1 - (1 - SHADOW) * trail.shade)[:, :, None]
+    if targets:
+        remaining = simulator.state.target[i] > 0
+        for cells, colour in ((remaining, REMAINING), ((trail.target > 0) & ~remaining, COVERED)):
+            colours[cells] = blend(colours[cells], colour)
     return colours.astype(np.uint8)
 
 
@@ -142,17 +145,11 @@ def blend(under: ArrayLike, colour: Colour) -> NDArray[np.float32]:
     return (0.3 * np.asarray(under, dtype=np.float32) + 0.7 * np.array(colour, dtype=np.float32)).astype(np.float32)
 
 
-def _shadowed(simulator: Simulator, trail: Trail) -> NDArray[np.uint8]:
-    """Return the map, darker where fewer devices are in line of sight; buildings have nothing to see."""
-    unseen = np.where(simulator.city.building, 0.0, trail.unseen)
-    return (city_colours(simulator.scenario.rows) * (1 - (1 - SHADOW) * unseen)[:, :, None]).astype(np.uint8)
-
-
 def _devices(simulator: Simulator, i: int, trail: Trail) -> list[Device]:
-    """Return the devices, with what they have left of what they had."""
-    view = simulator.mission.view(i)
-    cells: Sequence[list[int]] = view["device_cell"].tolist()
-    left: Sequence[float] = view["device_data"].tolist()
+    """Return the mission's marks, with what they have left of what they had."""
+    where, amounts = simulator.mission.marks(i)
+    cells: Sequence[list[int]] = where.tolist()
+    left: Sequence[float] = amounts.tolist()
     return [
         Device((r, c), DEVICES[d % len(DEVICES)], min(1.0, data / float(trail.target[r, c])))  # of which the map is rounded
         for d, ((r, c), data) in enumerate(zip(cells, left, strict=True))

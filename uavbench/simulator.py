@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from uavbench.city import HOVER, LAND, NUM_ACTIONS, OFFSETS, City, city_of
 from uavbench.episode import Columns, check_number, episode_keys, frozen_columns
 from uavbench.kernel import kernel
-from uavbench.missions import mission_of
+from uavbench.missions import Mission
 from uavbench.options import read_budget, read_noise, read_start, read_uavs
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, SplitName
+from uavbench.slots import SimulatorState, put, take
 from uavbench.starts import draw_starts, scatter_starts
 from uavbench.state import State, new_state
 
@@ -51,7 +52,7 @@ class Simulator:
         self.num_envs = num_envs
         self.city: City = city_of(scenario)
         self.state: State = new_state(num_envs, scenario.most_uavs, self.city.shape)
-        self.mission = mission_of(scenario, self.city, num_envs)
+        self.mission: Mission = scenario.mission.make(scenario, self.city, num_envs)
         self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
         self._fitting: set[str] = set()  # splits whose frozen episodes were found to be this scenario's
@@ -109,18 +110,52 @@ class Simulator:
         scatter_starts(self.state, np.asarray(index, dtype=np.int64), free, self.city.home, self.scenario.budget[1])
         self._splits[index], self._numbers[index] = _CUSTOM, -1
 
+    def get_state(self, index: ArrayLike | None = None) -> SimulatorState:
+        """Return everything that changes in the slots ``index``, as fresh arrays.
+
+        Parameters
+        ----------
+        index : array_like of int, shape (K,), optional
+            Slots; all of them by default.
+
+        Raises
+        ------
+        ValueError, IndexError
+            When ``index`` does not name slots.
+        """
+        return take(self.scenario.digest, self._arrays(), index)
+
+    def set_state(self, state: SimulatorState, index: ArrayLike | None = None) -> None:
+        """Put the slots ``index`` into a state that `get_state` returned: what follows is the same to the last bit.
+
+        Parameters
+        ----------
+        state : SimulatorState
+            Of as many slots as ``index`` names, or of one, which then all of them get. Any simulator of the scenario may
+            have returned it.
+        index : array_like of int, shape (K,), optional
+            Slots; all of them by default.
+
+        Raises
+        ------
+        ValueError, IndexError
+            When the state is of another scenario or of another number of slots, or ``index`` does not name slots. Nothing
+            is changed then.
+        """
+        put(state, self.scenario.digest, self._arrays(), index)
+
     def snapshot(self) -> Columns:
-        """Return everything that changes, as fresh arrays: `resume` goes on from them."""
-        arrays = {name: array.copy() for name, array in self.state._asdict().items()}
-        mission = {name: column.copy() for name, column in self.mission.columns(self.state, np.arange(self.num_envs)).items()}
-        return {**mission, **arrays, "splits": self._splits.copy(), "numbers": self._numbers.copy()}
+        """Return everything that changes, as fresh arrays by name, for a file: `resume` goes on from them."""
+        return self.get_state().arrays
 
     def resume(self, arrays: Columns) -> None:
-        """Go on from a `snapshot` of a simulator of the same scenario and as many slots."""
-        self.mission.restore(self.state, np.arange(self.num_envs), arrays)
-        for name, array in self.state._asdict().items():
-            array[:] = arrays[name]
-        self._splits[:], self._numbers[:] = arrays["splits"], arrays["numbers"]
+        """Go on from a `snapshot` of a simulator of the same scenario and as many slots; a ValueError says what differs."""
+        self.set_state(SimulatorState(self.scenario.digest, arrays))
+
+    def _arrays(self) -> Columns:
+        """Return all arrays that change, the simulator's own and the mission's, with a row for each slot."""
+        own = {"splits": self._splits, "numbers": self._numbers}
+        return {**self.state._asdict(), **own, **{f"mission.{name}": array for name, array in self.mission.arrays().items()}}
 
     def columns(self) -> Columns:
         """Return the episodes of all slots as they started, as columns of a table: what a frozen file holds."""

@@ -87,6 +87,12 @@ class StateView:
     def _uavs(self) -> int:
         return int(self._simulator.state.uavs[self._i])
 
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        """Return what else the mission shows: see `uavbench.missions.Mission.view`."""
+        if name.startswith("_"):  # while a copy is being made there is nothing yet
+            raise AttributeError(name)
+        return self._mission(name)
+
     def _mission(self, name: str) -> NDArray[Any]:
         arrays = self._simulator.mission.view(self._i)
         if name not in arrays:

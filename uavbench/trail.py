@@ -1,4 +1,8 @@
-"""What a flight leaves behind, for pictures: the cells of each UAV, what was there at first, and which device was served."""
+"""What a flight leaves behind, for pictures: the cells of each UAV, what was there at first, and what was served."""
+
+import copy
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,37 +26,46 @@ class Trail:
     cells : list of list of (int, int)
         Where each UAV was: at the start, and after each of its steps.
     served : list of int
-        DH with one UAV: the device that lost most data in each step; −1 for none.
+        The mark (DH: the device) that lost most of its amount in each step of a team; −1 for none.
     target : ndarray of float32, shape (M, N)
         The target map at the start.
-    unseen : ndarray of float32, shape (M, N)
-        DH: the share of devices that a cell has no line of sight to. Nothing in CPP.
+    shade : ndarray of float32, shape (M, N), optional
+        How dark each cell is: see `uavbench.missions.Mission.shade`.
     """
 
     def __init__(self, simulator: Simulator, i: int) -> None:
-        state = simulator.state
+        state, mission = simulator.state, simulator.mission
         self._simulator, self._slot = simulator, i
         self.cells: list[list[Cell]] = [[(r, c)] for r, c in state.position[i, : state.uavs[i]].tolist()]
+        self._spent: list[int] = self._used()  # before the trail began
         self.target: NDArray[np.float32] = state.target[i].copy()
         self.served: list[int] = []
-        view = simulator.mission.view(i)
-        self._data = view["device_data"].copy() if "device_data" in view else None
-        devices: list[list[int]] = view["device_cell"].tolist() if "device_cell" in view else []
-        sights = np.array([simulator.city.visible(cell) for cell in devices], dtype=np.bool_).reshape(
-            len(devices), *simulator.city.shape
-        )
-        self.unseen: NDArray[np.float32] = (~sights).sum(axis=0, dtype=np.float32) / max(len(devices), 1)
+        self._amounts = mission.marks(i)[1].copy()
+        self.shade = mission.shade(i)
 
     def extend(self) -> None:
         """Add the step that was just flown."""
-        state, i = self._simulator.state, self._slot
-        flown = [len(way) <= int(state.initial_budget[i, u] - state.budget[i, u]) for u, way in enumerate(self.cells)]
+        used = self._used()
+        flown = [len(way) <= used[u] - self._spent[u] for u, way in enumerate(self.cells)]
         for u, way in enumerate(self.cells):
             if flown[u]:
-                r, c = state.position[i, u].tolist()
+                r, c = self._simulator.state.position[self._slot, u].tolist()
                 way.append((r, c))
-        if self._data is not None and any(flown):
-            now = self._simulator.mission.view(i)["device_data"]
-            lost = self._data - now
+        if any(flown):
+            now = self._simulator.mission.marks(self._slot)[1]
+            lost = self._amounts - now
             self.served.append(int(lost.argmax()) if lost.any() else -1)
-            self._data = now.copy()
+            self._amounts = now.copy()
+
+    def get_state(self) -> dict[str, Any]:
+        """Return what the trail holds, as values that nothing else refers to."""
+        return copy.deepcopy({name: value for name, value in vars(self).items() if name not in ("_simulator", "_slot")})
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` of a trail of the same scenario returned."""
+        vars(self).update(copy.deepcopy(dict(state)))
+
+    def _used(self) -> list[int]:
+        """Return how many actions each UAV has taken in the episode."""
+        state, i = self._simulator.state, self._slot
+        return (state.initial_budget[i] - state.budget[i])[: state.uavs[i]].tolist()

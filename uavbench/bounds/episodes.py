@@ -34,6 +34,8 @@ def check_boundable(scenario: Scenario) -> None:
     """Refuse a scenario that has no bounds."""
     if scenario.team:
         raise ScenarioError(f"{scenario.id}: uavs: bounds are for scenarios of one UAV")
+    if scenario.mission.kind not in ("coverage", "harvesting"):
+        raise ScenarioError(f"{scenario.id}: mission.kind: bounds are for coverage and harvesting, not {scenario.mission.kind}")
 
 
 def bound_episodes(

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -12,8 +12,16 @@ from uavbench.episode import check_number, check_split, split_size
 from uavbench.missions import Mission
 from uavbench.observation import Observer
 from uavbench.scenario import Scenario, SplitName, load_scenario
+from uavbench.slots import SimulatorState
 
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 8}
+
+
+class EnvState(NamedTuple):
+    """The state of an environment's episodes, by ``get_state``: copies that no environment changes. It can be pickled."""
+
+    simulator: SimulatorState
+    trails: list[dict[str, Any] | None]
 
 
 def load(scenario: str | Path | Scenario, local_size: int | None, global_scale: int | None) -> Scenario:

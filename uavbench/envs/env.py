@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from uavbench.envs.core import (
     METADATA,
+    EnvState,
     action_space,
     check_alone,
     check_options,
@@ -152,6 +153,25 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         if terminated:
             info.update({name: values[0].item() for name, values in self.simulator.outcomes(_SLOT).items()})
         return self._observe(), float(state.reward[0, 0]), terminated, False, info
+
+    def get_state(self) -> EnvState:
+        """Return the state of the episode, to come back to it by `set_state`; a search over many futures does.
+
+        The generator that draws the next episodes is not part of it.
+        """
+        return EnvState(self.simulator.get_state(), self._pictures.get_state([0]))
+
+    def set_state(self, state: EnvState) -> None:
+        """Go back to a state that `get_state` of an environment of this scenario returned, to the last bit.
+
+        Raises
+        ------
+        ValueError
+            When it is of another scenario. Nothing is changed then.
+        """
+        self.simulator.set_state(state.simulator)
+        self._begun = True
+        self._pictures.set_state(state.trails, [0])
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the actions that have their effect, bool (6,): the name that sb3-contrib's MaskablePPO asks for."""

@@ -14,6 +14,7 @@ from pettingzoo.utils.env import AECEnv, ParallelEnv  # pyright: ignore[reportMi
 from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.envs.core import (
     METADATA,
+    EnvState,
     action_space,
     check_render_mode,
     choose_episode,
@@ -196,6 +197,25 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self.agents = [agent for agent in acting if not done[agent]]
         rewards = {agent: float(state.reward[0, self._numbers[agent]]) for agent in acting}
         return self._observe(acting), rewards, done, dict.fromkeys(acting, False), self._infos(acting)
+
+    def get_state(self) -> EnvState:
+        """Return the state of the episode, to come back to it by `set_state`; a search over many futures does.
+
+        The generator that draws the next episodes is not part of it.
+        """
+        return EnvState(self.simulator.get_state(), self._pictures.get_state([0]))
+
+    def set_state(self, state: EnvState) -> None:
+        """Go back to a state that `get_state` of an environment of this scenario returned, to the last bit.
+
+        Raises
+        ------
+        ValueError
+            When it is of another scenario. Nothing is changed then.
+        """
+        self.simulator.set_state(state.simulator)
+        self.agents = [agent for agent, u in self._numbers.items() if not self.simulator.state.done[0, u]]
+        self._pictures.set_state(state.trails, [0])
 
     def state(self) -> NDArray[np.float32]:
         """Return the whole state for a centralised critic, float32 (6, M, N): the layers of a team, not centred."""

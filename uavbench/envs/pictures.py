@@ -1,6 +1,6 @@
 """What ``render`` shows, for all adapters: nothing is kept, and nothing imported, unless a mode was asked for."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from uavbench.envs.core import METADATA
@@ -35,6 +35,18 @@ class Pictures:
             for trail in self._trails.values():
                 trail.extend()
             self._show()
+
+    def get_state(self, index: Sequence[int]) -> list[dict[str, Any] | None]:
+        """Return the ways that are drawn in the slots ``index``; None for one in which nothing is drawn."""
+        return [self._trails[i].get_state() if i in self._trails else None for i in index]
+
+    def set_state(self, states: list[dict[str, Any] | None], index: Sequence[int]) -> None:
+        """Draw the ways of a `get_state` in the slots ``index``, or in all of them its only one; a new way where it is None."""
+        self.begin(index)
+        for i, state in zip(index, states * (len(index) if len(states) == 1 else 1), strict=True):
+            if i in self._trails and state is not None:
+                self._trails[i].set_state(state)
+        self._show()
 
     def of(self, i: int) -> Any:
         """Return the picture of slot ``i``: an array (rows, columns, 3) of uint8, or text; None in a window or without a mode.

@@ -8,10 +8,11 @@ import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from uavbench.envs.core import (
     METADATA,
+    EnvState,
     action_space,
     check_alone,
     check_options,
@@ -148,6 +149,32 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             infos = self._info(over, self._all, waiting)
         return self._observe(self._all), rewards, ended, truncated, infos
 
+    def get_state(self, index: ArrayLike | None = None) -> EnvState:
+        """Return the state of the episodes in the slots ``index`` (by default in all), to come back to them by `set_state`.
+
+        The generators that draw the next episodes are not part of it.
+        """
+        return EnvState(self.simulator.get_state(index), self._pictures.get_state(self._listed(index)))
+
+    def set_state(self, state: EnvState, index: ArrayLike | None = None) -> None:
+        """Put the slots ``index`` (by default all) into a state that `get_state` returned, to the last bit.
+
+        Parameters
+        ----------
+        state : EnvState
+            Of as many slots, or of one, which then all of them get; of any environment of the scenario.
+        index : array_like of int, shape (K,), optional
+            The slots.
+
+        Raises
+        ------
+        ValueError, IndexError
+            When the state does not fit, or ``index`` does not name slots. Nothing is changed then.
+        """
+        self.simulator.set_state(state.simulator, index)
+        self._ready = self._ready or index is None
+        self._pictures.set_state(state.trails, self._listed(index))
+
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the actions that have their effect, bool (N, 6)."""
         return self.simulator.action_mask().astype(np.bool_)
@@ -157,6 +184,10 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if self.render_mode is None:
             return None
         return tuple(self._pictures.of(i) for i in range(self.num_envs))
+
+    def _listed(self, index: ArrayLike | None) -> list[int]:
+        """Return slots as a list; all of them where ``index`` is None."""
+        return (self._all if index is None else np.asarray(index)).tolist()
 
     def _start(self, index: NDArray[np.int64], options: dict[int, dict[str, Any]]) -> None:
         """Start the next episodes in the slots ``index``."""

@@ -13,14 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import city_of
 from uavbench.episode import frozen_columns
 from uavbench.keyed import QUANTILE
 from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.ranking import Entry, Row
 from uavbench.metrics import Interval
-from uavbench.missions.harvesting import channel_of
-from uavbench.parameters import Harvesting
 from uavbench.scenario import Scenario
 
 _ELSEWHERE = (1000, 500, 200, 100)  # flights to watch on scenarios other than the paper's: the most that the page has room for
@@ -84,13 +81,12 @@ def _scenario(scenario: Scenario, elsewhere: int, columns: list[dict[str, Any]])
             columns.append(packed)
         where[name] = columns.index(packed)
     mission = scenario.mission
-    channel = channel_of(mission, city_of(scenario).shape)._asdict() if isinstance(mission, Harvesting) else None
     return {
         "id": scenario.id,
         "rows": scenario.rows,
         "uavs": scenario.most_uavs,
         "mission": mission.model_dump(mode="json"),
-        "channel": channel,
+        "channel": mission.viewer(scenario.shape),
         "recorded": scenario.splits.test.episodes,
         "episodes": where,
     }

@@ -1,63 +1,72 @@
 """What a mission is: how its targets are drawn, and what a step covers or collects.
 
-A mission is one file here and its parameters in `uavbench.parameters`. It owns the target map of the state and whatever
-arrays it needs besides; the simulator moves the UAVs and then asks it to `collect`.
+Light to import: scenarios are read without a compiler. docs/missions.md shows how to write one.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import City
-from uavbench.episode import Columns
-from uavbench.parameters import Coverage
-from uavbench.scenario import Scenario
-from uavbench.state import State
+if TYPE_CHECKING:
+    from uavbench.episode import Columns
+    from uavbench.state import State
 
 
-class Mission(Protocol):
-    """What the simulator asks of a mission. ``index`` names slots of the batch; N is the batch size."""
+class Mission(ABC):
+    """What the simulator asks of a mission. ``index`` names slots of the batch; B is its size.
+
+    A mission owns the target map of the state and the sums that belong to it (``target``, ``row_targets``, ``total`` and
+    ``remaining``), and whatever arrays it needs besides, which it names in `arrays`.
+    """
 
     #: The one option of ``reset`` that sets the targets by hand.
-    option: str
+    option: ClassVar[str]
 
-    def sample(self, state: State, index: NDArray[np.int64]) -> None:
-        """Draw the targets of the slots ``index`` from their keys."""
-        ...
+    @abstractmethod
+    def sample(self, state: "State", index: NDArray[np.int64]) -> None:
+        """Begin episodes in the slots ``index``: draw their targets from their keys, and reset the mission's own arrays."""
 
-    def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
-        """Return the targets of the slots ``index`` as columns of a table of episodes."""
-        ...
+    @abstractmethod
+    def columns(self, state: "State", index: NDArray[np.int64]) -> "Columns":
+        """Return the targets that the episodes in the slots ``index`` began with, as columns of a table of episodes."""
 
-    def restore(self, state: State, index: NDArray[np.int64], columns: Columns) -> None:
-        """Set the targets of the slots ``index`` from the rows of ``columns``."""
-        ...
+    @abstractmethod
+    def restore(self, state: "State", index: NDArray[np.int64], columns: "Columns") -> None:
+        """Begin episodes in the slots ``index`` with the targets of the rows of ``columns``, and reset the own arrays."""
 
-    def fits(self, columns: Columns) -> bool:
+    @abstractmethod
+    def fits(self, columns: "Columns") -> bool:
         """Say whether frozen columns can be of this scenario."""
-        ...
 
-    def parse(self, value: Any) -> Columns:
+    @abstractmethod
+    def parse(self, value: Any) -> "Columns":
         """Turn the option of ``reset`` into columns of one row, or raise a ValueError that says what is wrong."""
-        ...
 
-    def collect(self, state: State, uav: int) -> None:
+    @abstractmethod
+    def collect(self, state: "State", uav: int) -> None:
         """Cover or collect with UAV ``uav`` of every slot, where it flies on, and add the gain to its reward."""
-        ...
+
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """Return the mission's own arrays that change in an episode or from episode to episode, each of shape (B, …).
+
+        The simulator copies their rows when it takes or sets the state of a slot, so what is not in here is lost then.
+        """
+        return {}
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
-        """Return the mission's own arrays of slot ``i``, for agents on the state track."""
-        ...
+        """Return what agents on the state track see of slot ``i`` besides the target map, by name."""
+        return {}
 
+    def marks(self, i: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return what pictures draw as marks in slot ``i``: cells, shape (K, 2), and the amount left at each, shape (K,).
 
-def mission_of(scenario: Scenario, city: City, num_envs: int) -> Mission:
-    """Return the scenario's mission, with arrays for a batch of ``num_envs``."""
-    if isinstance(scenario.mission, Coverage):
-        from uavbench.missions.coverage import CoverageMission
+        Without marks, pictures colour the cells of the target map.
+        """
+        return np.zeros((0, 2), dtype=np.int32), np.zeros(0)
 
-        return CoverageMission(scenario, scenario.mission, city)
-    from uavbench.missions.harvesting import HarvestingMission
-
-    return HarvestingMission(scenario, scenario.mission, city, num_envs)
+    def shade(self, i: int) -> NDArray[np.float32] | None:
+        """Return how dark pictures of slot ``i`` draw each cell, shape (M, N), in [0, 1]; None for no shade anywhere."""
+        return None

@@ -3,7 +3,6 @@
 Source: Theile et al., ICAR 2021; the targets are those of uavSim.
 """
 
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -14,6 +13,7 @@ from uavbench.city import City, city_of, look
 from uavbench.episode import Columns
 from uavbench.kernel import kernel
 from uavbench.keyed import CONTENT, stream
+from uavbench.missions import Mission
 from uavbench.missions.shapes import draw_shapes
 from uavbench.parameters import Coverage
 from uavbench.scenario import Scenario, ScenarioError
@@ -22,7 +22,7 @@ from uavbench.state import State
 _ATTEMPTS = 10_000  # redraws of the shapes before the scenario is refused; the paper's need about 3
 
 
-class CoverageMission:
+class CoverageMission(Mission):
     """CPP for a batch of episodes; all its state is the target map.
 
     Attributes
@@ -103,10 +103,6 @@ class CoverageMission:
             self._parameters.camera_size // 2,
             self._collect_reward,
         )
-
-    def view(self, i: int) -> Mapping[str, NDArray[Any]]:
-        """Return nothing: the target map says it all."""
-        return {}
 
 
 def camera_views(scenario: Scenario) -> NDArray[np.uint64]:

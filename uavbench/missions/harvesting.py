@@ -15,6 +15,7 @@ from uavbench.city import City, look
 from uavbench.episode import Columns
 from uavbench.kernel import kernel
 from uavbench.keyed import CONTENT, NOISE, next_integer, next_uniform, normal, stream
+from uavbench.missions import Mission
 from uavbench.parameters import Harvesting
 from uavbench.scenario import Scenario
 from uavbench.state import State
@@ -73,7 +74,7 @@ class Channel(NamedTuple):
     steps: int
 
 
-class HarvestingMission:
+class HarvestingMission(Mission):
     """DH for a batch of episodes."""
 
     option = "devices"
@@ -180,6 +181,21 @@ class HarvestingMission:
         """Return ``device_cell`` (K, 2) and ``device_data`` (K,) left."""
         d, k = self.devices, self.devices.number[i]
         return {"device_cell": d.cell[i, :k], "device_data": d.data[i, :k]}
+
+    def arrays(self) -> Mapping[str, NDArray[Any]]:
+        """Return the devices, as in `Devices`."""
+        return self.devices._asdict()
+
+    def marks(self, i: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+        """Return the devices, with the data left at each."""
+        d, k = self.devices, self.devices.number[i]
+        return d.cell[i, :k], d.data[i, :k]
+
+    def shade(self, i: int) -> NDArray[np.float32]:
+        """Return the share of devices that a cell has no line of sight to; buildings have nothing to see."""
+        cells: list[list[int]] = self.marks(i)[0].tolist()
+        unseen = sum((~self._city.visible(cell)).astype(np.float32) for cell in cells)
+        return np.where(self._city.building, 0.0, unseen / max(len(cells), 1)).astype(np.float32)
 
 
 def channel_of(parameters: Harvesting, shape: tuple[int, int]) -> Channel:
