@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import renamed, uavbench_command
+from matplotlib.lines import Line2D
 from PIL import Image
 
 import uavbench
@@ -18,6 +19,7 @@ from uavbench.agent import find_agent
 from uavbench.envs.env import UAVEnv
 from uavbench.evaluate import Job
 from uavbench.play import play
+from uavbench.plot import draw, legend
 from uavbench.render import raster
 from uavbench.resources import scenario_paths
 from uavbench.results import ResultError
@@ -58,6 +60,29 @@ def test_plots_are_drawn_in_all_formats(pictured, name, ending, tmp_path):
         assert "<!-- start and landing zone -->" in text
         assert ("<!-- target to cover -->" in text) == (name == "Block8-CPP-v0")
         assert "<!-- Movement " in text
+
+
+def test_a_figure_of_a_team_lists_the_uavs_that_fly(pictured):
+    result = pictured["greedy", "Manhattan32-DH-Team-v0"]
+    flying = result.episodes()["uavs"].tolist()
+    assert set(flying) == {1, 2, 3}
+    for count in (1, 2, 3):
+        entries = [entry.get_label() for entry in legend(recorded_scenes(result, flying.index(count))[-1])]
+        assert [entry for entry in entries if entry.startswith("UAV")] == [f"UAV {u}" for u in range(count)]
+
+
+def test_the_start_is_told_from_the_end(pictured):
+    result = pictured["greedy", "Block8-CPP-v0"]
+    scenes = (recorded_scenes(result, k)[-1] for k in range(60))
+    scene = next(scene for scene in scenes if scene.ends and scene.starts[0][0] != scene.ends[0][0])
+    size = 512 // 8
+    centres = [raster(scene)[r * size + size // 2, c * size + size // 2] for (r, c), _ in (scene.starts[0], scene.ends[0])]
+    assert [centre.tolist() for centre in centres] == [[255, 255, 255], list(scene.ends[0][1])]
+    entries = {entry.get_label(): entry for entry in legend(scene) if isinstance(entry, Line2D)}
+    assert entries["start"].get_markerfacecolor() != entries["end"].get_markerfacecolor()
+    (axes,) = draw(scene).axes
+    drawn = [marks.get_facecolors()[:, :3] for marks in axes.collections]
+    assert [colours.max() < 0.5 for colours in drawn if len(colours) == 1] == [True, False, True]  # start, its hole, end
 
 
 def test_wrong_endings_and_episodes_are_refused(pictured, tmp_path):

@@ -33,7 +33,10 @@ def test_reports_hold_the_scores_and_the_figures(pictured, tmp_path):
     latex = (tmp_path / "r" / "comparison.tex").read_text(encoding="utf-8")
     assert r"\begin{tabular}{lrrrrr}" in latex
     assert f"& {100 * abs(pair[0].metrics['cral'].mean):.1f} [" in latex
-    assert "-" not in latex.split("hline", 1)[1].replace("$-$", "")
+    assert "-" not in latex.split("toprule", 1)[1].replace("$-$", "")
+    rules = [line for line in latex.splitlines() if line in (r"\toprule", r"\midrule", r"\bottomrule")]
+    assert rules == [r"\toprule", r"\midrule", r"\bottomrule"]
+    assert r"% Needs \usepackage{booktabs}." in latex
     figures = ("cral_against_budget", "cr_against_targets", "failures_against_budget", "performance_profiles")
     for name in figures:
         with Image.open(tmp_path / "r" / f"{name}.png") as picture:
@@ -64,8 +67,8 @@ def test_names_are_shown_as_they_are(pictured, tmp_path):
 
 def test_an_agent_whose_name_begins_with_an_underscore_is_in_the_legend(pictured, tmp_path):
     folder = renamed(pictured["greedy", "Block8-DH-v0"], tmp_path / "first", "_mine")
-    compared = report._compare([load_result(folder)], None)
-    (legend,) = [axes.get_legend() for axes in report._cral_against_budget(compared).axes]
+    compared = report._compare([load_result(folder)], None, {})
+    (legend,) = report._cral_against_budget(compared).legends
     assert [text.get_text().strip() for text in legend.get_texts()] == ["_mine"]
 
 
@@ -148,3 +151,95 @@ def test_agents_of_one_name_are_told_apart(pictured, tmp_path):
     assert pd.read_csv(tmp_path / "r" / "comparison.csv")["agent"].tolist() == ["a/greedy", "random", "b/greedy"]
     told = uavbench_command("report", folder, folder, "--out", tmp_path / "r")
     assert (told.exit_code, "given twice" in told.output) == (2, True)
+
+
+def test_legends_hide_nothing(pictured, tmp_path):
+    names = ["greedy", "a name of forty letters, or nearly so many", "c", "d"]
+    folders = [renamed(pictured["greedy", "Block8-DH-v0"], tmp_path / str(k), name) for k, name in enumerate(names)]
+    compared = report._compare([load_result(folder) for folder in folders], None, {})
+    for draw in report._FIGURES.values():
+        figure = draw(compared)
+        figure.draw_without_rendering()
+        (legend,), (axes,) = figure.legends, figure.axes
+        assert axes.get_legend() is None
+        box = legend.get_window_extent()
+        assert not box.overlaps(axes.get_tightbbox())
+        assert box.x0 >= 0
+        assert box.x1 <= figure.bbox.x1
+
+
+def test_failures_that_never_happened_are_no_slab(pictured, tmp_path):
+    """Where all landed the figure says so; where only some did, the others have a line without a band."""
+    landed, crashed = pictured["greedy", "Block8-DH-v0"], pictured["random", "Block8-DH-v0"]
+    assert landed.metrics["landed"].mean == 1 > crashed.metrics["landed"].mean
+    for results, texts, bands in (([landed], ["All agents landed in every episode."], 0), ([landed, crashed], [], 1)):
+        (axes,) = report._failures_against_budget(report._compare(results, None, {})).axes
+        assert [text.get_text() for text in axes.texts] == texts
+        assert len(axes.collections) == bands
+        assert len(axes.lines) == len(results)
+
+
+# Groups of seeds.
+
+
+@pytest.fixture
+def seeds(pictured, tmp_path):
+    """Results that pass for those of three seeds of one method, and a folder to write."""
+    kinds = [pictured["greedy", "Block8-DH-v0"], pictured["random", "Block8-DH-v0"]]
+    return [kinds[0].folder, kinds[1].folder, renamed(kinds[1], tmp_path / "third", "third")], tmp_path / "r"
+
+
+def test_seeds_of_a_method_are_one_entry(seeds, pictured, tmp_path):
+    folders, out = seeds
+    plain = renamed(pictured["greedy", "Block8-DH-v0"], tmp_path / "plain", "plain")
+    told = uavbench_command("report", plain, "--group", f"mine={','.join(map(str, folders))}", "--out", out)
+    assert told.exit_code == 0, told.output
+    table = pd.read_csv(out / "comparison.csv").set_index("agent")
+    assert table["seeds"].to_dict() == {"plain": 1, "mine": 3}
+    scores = [load_result(folder).episodes() for folder in folders]
+    for name in ("landed", "cr", "cral"):
+        means = [each[name].mean() for each in scores]
+        assert table.loc["mine", name] == pytest.approx(np.mean(means))
+        assert table.loc["mine", f"{name}_low"] < table.loc["mine", name] < table.loc["mine", f"{name}_high"]
+        assert table.loc["mine", f"{name}_high"] - table.loc["mine", f"{name}_low"] > 0.1  # the seeds differ much
+    assert table.loc["mine", "steps"] == pytest.approx(np.mean([each["steps"].mean() for each in scores]))
+    assert table.loc["mine", "cral_difference"] == pytest.approx(table.loc["mine", "cral"] - table.loc["plain", "cral"])
+    assert "| mine (3 seeds) | " in (out / "comparison.md").read_text(encoding="utf-8")
+
+
+def test_a_group_of_one_seed_is_the_plain_result(pictured, tmp_path):
+    greedy, random = (pictured[agent, "Block8-DH-v0"].folder for agent in ("greedy", "random"))
+    for out, arguments in (
+        ("plain", [greedy, random]),
+        ("grouped", ["--group", f"greedy={greedy}", "--group", f"random={random}"]),
+    ):
+        assert uavbench_command("report", *arguments, "--out", tmp_path / out).exit_code == 0
+    for path in (tmp_path / "plain").iterdir():
+        if path.suffix != ".pdf":  # which tells the time
+            assert path.read_bytes() == (tmp_path / "grouped" / path.name).read_bytes(), path.name
+
+
+@pytest.mark.parametrize(
+    ("group", "message"),
+    [
+        ("{0},{1}", "write NAME=RESULT,RESULT,…"),
+        ("={0}", "write NAME=RESULT,RESULT,…"),
+        ("mine=", "write NAME=RESULT,RESULT,…"),
+        ("mine={0},", "write NAME=RESULT,RESULT,…"),
+        ("mi\nne={0}", "write NAME=RESULT,RESULT,…"),
+        ("mine={0},nowhere", "--group mine: nowhere/summary.json: missing"),
+        ("mine={0},{0}", "given twice"),
+        ("third={0}", "--group third: a result has this name"),
+        ("mine={0} --group mine={1}", "--group mine: given twice"),
+    ],
+)
+def test_a_group_that_is_none_is_refused(seeds, group, message):
+    folders, out = seeds
+    words = [word for part in group.format(*folders).split(" --group ") for word in ("--group", part)]
+    told = uavbench_command("report", folders[2], *words, "--out", out)
+    assert (told.exit_code, "--group" in told.output or "given twice" in told.output, message in told.output) == (
+        2,
+        True,
+        True,
+    ), told.output
+    assert not out.exists()

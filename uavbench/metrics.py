@@ -48,9 +48,14 @@ def proportion_interval(successes: NDArray[np.bool_ | np.float64], confidence: f
 
 def mean_interval(values: NDArray[np.float64], confidence: float = CONFIDENCE) -> Interval:
     """Return the mean with its percentile-bootstrap interval (Efron 1979; 10,000 resamples)."""
+    return _percentiles(float(np.mean(values)), _resampled_means(values), confidence)
+
+
+def _percentiles(mean: float, resampled: NDArray[np.float64], confidence: float = CONFIDENCE) -> Interval:
+    """Return the percentile-bootstrap interval of a mean, from means of resamples."""
     tail = (1 - confidence) / 2
-    low, high = np.quantile(_resampled_means(values), (tail, 1 - tail))
-    return Interval(float(np.mean(values)), float(low), float(high))
+    low, high = np.quantile(resampled, (tail, 1 - tail))
+    return Interval(mean, float(low), float(high))
 
 
 def _resampled_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -64,7 +69,12 @@ def _resampled_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
 @lru_cache(maxsize=_RESAMPLES * 1000 // _CHUNK)  # all resamples of a test split: 40 MB
 def _picks(n: int, first: int, count: int) -> NDArray[np.int32]:
     """Return which of n values the resamples ``first`` to ``first`` + ``count`` − 1 are of: shape (``count``, n)."""
-    bits = np.random.PCG64(0).advance(first * n)  # raw bits: NumPy promises their stream, but not that of its distributions
+    return _drawn(n, first, count, 0)
+
+
+def _drawn(n: int, first: int, count: int, key: int) -> NDArray[np.int32]:
+    """Draw what `_picks` returns from the stream of a key: 0 is that of the episodes."""
+    bits = np.random.PCG64(key).advance(first * n)  # raw bits: NumPy promises their stream, but not that of its distributions
     raw = bits.random_raw(count * n)
     return (((raw >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)).astype(np.int32).reshape(count, n)
 
@@ -105,6 +115,60 @@ def significant(p_values: Sequence[float], level: float = 1 - CONFIDENCE) -> lis
 def summarise(landed: NDArray[np.bool_], cr: NDArray[np.float64], cral: NDArray[np.float64]) -> dict[str, Interval]:
     """Return Landed, CR and CRAL over episodes, by name, each with its 95 % confidence interval."""
     return {"landed": proportion_interval(landed), "cr": mean_interval(cr), "cral": mean_interval(cral)}
+
+
+def mean_over_seeds(values: NDArray[np.float64]) -> Interval:
+    """Return the mean of a method that was trained with several seeds, with its interval over seeds and episodes.
+
+    Each of 10,000 resamples draws episodes and seeds with replacement. A seed is drawn as a whole, since one agent flew all its
+    episodes. In the words of rliable (Agarwal et al., NeurIPS 2021), the scenario is a task and each seed is a run.
+
+    Parameters
+    ----------
+    values : ndarray
+        Shape (seeds, n): of each seed on the same n episodes. With one seed, this is `mean_interval`.
+    """
+    return _percentiles(float(np.mean(values)), _resampled_over_seeds(values, 1))
+
+
+def difference_over_seeds(first: NDArray[np.float64], second: NDArray[np.float64]) -> Interval:
+    """Return the mean of first − second on the same episodes, with its interval over the seeds of both and over episodes.
+
+    Parameters
+    ----------
+    first, second : ndarray
+        Shape (seeds, n): the number of seeds may differ, the episodes are the same.
+    """
+    mean = float(np.mean(first)) - float(np.mean(second))
+    return _percentiles(mean, _resampled_over_seeds(first, 1) - _resampled_over_seeds(second, 2))
+
+
+def _resampled_over_seeds(values: NDArray[np.float64], key: int) -> NDArray[np.float64]:
+    """Return the means of 10,000 samples of seeds and episodes; those of the episodes are the same for all values."""
+    means = np.stack([_resampled_means(each) for each in values])
+    seeds = _drawn(len(values), 0, _RESAMPLES, key).T
+    return np.take_along_axis(means, seeds, axis=0).mean(axis=0)
+
+
+def share_over_seeds(successes: NDArray[np.bool_]) -> Interval:
+    """Return the share of successes of a method that was trained with several seeds, with its interval over seeds and episodes.
+
+    The interval has two independent parts, Wilson's over episodes and the bootstrap's over seeds, so the squares of their
+    lengths add up. It stays honest when every episode of every seed landed.
+
+    Parameters
+    ----------
+    successes : ndarray
+        Shape (seeds, n): of each seed on the same n episodes. With one seed, this is `proportion_interval`.
+    """
+    episodes = proportion_interval(successes.mean(axis=0))
+    if len(successes) == 1:
+        return episodes
+    means, share = successes.mean(axis=1), episodes.mean
+    seeds = _percentiles(share, means[_drawn(len(means), 0, _RESAMPLES, 1)].mean(axis=1))
+    low = share - math.hypot(share - episodes.low, share - seeds.low)
+    high = share + math.hypot(episodes.high - share, seeds.high - share)
+    return Interval(share, max(0.0, low), min(1.0, high))
 
 
 @dataclass(frozen=True)

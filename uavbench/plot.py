@@ -6,14 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch, Wedge
-from matplotlib.ticker import MaxNLocator
 
 from uavbench import scene as shown
+from uavbench.figures import Figure, Line2D, MaxNLocator, Patch, Wedge, fixed_style
 from uavbench.results import ResultError, deliver
-from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY, Scenario
+from uavbench.scenario import BUILDING, FREE, LANDING, NO_FLY
 from uavbench.scene import Cell, Colour, Scene
 
 FORMATS = ("png", "svg", "pdf")
@@ -37,9 +34,10 @@ def save_plot(scene: Scene, path: Path) -> None:
         When the ending is none of `FORMATS`, or the file cannot be written.
     """
     check_plot(path)
-    figure: Any = draw(scene)
     buffer = io.BytesIO()
-    figure.savefig(buffer, dpi=200, format=path.suffix.lower().removeprefix("."))
+    with fixed_style():
+        figure: Any = draw(scene)
+        figure.savefig(buffer, dpi=200, format=path.suffix.lower().removeprefix("."))
     deliver({path: buffer.getvalue()})
 
 
@@ -60,19 +58,21 @@ def draw(scene: Scene) -> Figure:
         axes.add_patch(ring)
         axes.add_patch(Wedge((c, r), 0.5, 90 - 360 * device.left, 90, facecolor=colour, zorder=4, clip_on=False))
     _marks(axes, scene.hovers, "x", 0.45 * cell)
-    _marks(axes, [*scene.starts, *scene.ends], "D", 0.5 * cell)
+    _marks(axes, scene.starts, "D", 0.62 * cell)
+    _marks(axes, [(start, _WHITE) for start, _ in scene.starts], "D", 0.36 * cell)
+    _marks(axes, scene.ends, "D", 0.5 * cell, edgecolors="white", linewidths=0.05 * cell)
     _marks(axes, [(cell, shown.CRASH) for cell in scene.crashes], "X", 0.7 * cell)
     _marks(axes, scene.uavs, "o", 0.8 * cell, edgecolors="white")
     axes.set(title=scene.title, xlim=(-0.5, cols - 0.5), ylim=(rows - 0.5, -0.5))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(8, integer=True, steps=[1, 2, 5, 10]))
     axes.tick_params(labelsize=6)
-    figure.legend(handles=legend(scene.scenario), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
+    figure.legend(handles=legend(scene), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
     return figure
 
 
 def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: float, **more: Any) -> None:
-    """Draw marks of one shape, so many points wide."""
+    """Draw marks of one shape, so many points wide, in their colours; ``more`` goes to Matplotlib."""
     if marks:
         r, c = np.array([cell for cell, _ in marks]).T
         colours = [_hex(colour) for _, colour in marks]
@@ -80,17 +80,23 @@ def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: 
         axes.scatter(c, r, s=points**2, marker=shape, c=colours, zorder=5, clip_on=False, **more)
 
 
-def legend(scenario: Scenario) -> list[Any]:
-    """Return the entries of the paper's Table II that the mission has, in its words."""
+def legend(scene: Scene) -> list[Any]:
+    """Return the entries of the paper's Table II that a scene's mission has, in its words, and of a team the UAVs that fly."""
+    scenario = scene.scenario
     free, landing, no_fly, building = shown.city_colours(("".join((FREE, LANDING, NO_FLY, BUILDING)),))[0]
     words = scenario.mission.words
     patches = {"start and landing zone": landing, "no-fly zone": no_fly, "building": building}
     patches |= {words.target: shown.blend(free, shown.REMAINING), words.done: shown.blend(free, shown.COVERED)}
     patches |= {words.shade: free * shown.SHADOW}
     found: list[Any] = [Patch(facecolor=_hex(colour), edgecolor="0.7", label=name) for name, colour in patches.items() if name]
-    found += [_line("D", "", "start and end"), _line("x", "", "hover"), _line("X", "", "crash", shown.CRASH)]
+    found += [
+        _line("D", "", "start", markerfacecolor="white"),
+        _line("D", "", "end"),
+        _line("x", "", "hover"),
+        _line("X", "", "crash", shown.CRASH, markersize=6, mew=0),
+    ]
     if scenario.team:
-        found += [_line(">", "-", f"UAV {u}", shown.UAVS[u % len(shown.UAVS)]) for u in range(scenario.most_uavs)]
+        found += [_line(">", "-", f"UAV {u}", shown.UAVS[u % len(shown.UAVS)]) for u in range(len(scene.starts))]
     else:
         found.append(_line(">", "-", words.movement))
     if words.mark:

@@ -47,8 +47,12 @@ def raster(scene: Scene) -> NDArray[np.uint8]:
     for cell, colour in scene.hovers:  # above the devices that one hovers at, which may have the same colour
         _stamp(large, _cross(size, 0.38, 0.2), cell, _WHITE)
         _stamp(large, _cross(size, 0.32, 0.1), cell, colour)
-    for cell, colour in (*scene.starts, *scene.ends):
-        _stamp(large, _diamond(size, 0.5), cell, colour)
+    for cell, colour in scene.starts:  # hollow, and below the end, of which they leave a rim where one landed at the start
+        _stamp(large, _diamond(size, 0.62), cell, colour)
+        _stamp(large, _diamond(size, 0.38), cell, _WHITE)
+    for cell, colour in scene.ends:
+        _stamp(large, _diamond(size, 0.54), cell, _WHITE)
+        _stamp(large, _diamond(size, 0.46), cell, colour)
     for cell in scene.crashes:
         _stamp(large, _diamond(size, 0.65), cell, CRASH)
         _stamp(large, _cross(size, 0.28, 0.1), cell, _WHITE)

@@ -1,18 +1,18 @@
 """Results in tables and figures: a folder that a paper can take from."""
 
 import io
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from uavbench.display import NAMES
-from uavbench.metrics import METRICS, Interval, compare, mean_interval, proportion_interval, summarise
+from uavbench.figures import Figure, MaxNLocator, fixed_style
+from uavbench.metrics import METRICS, Interval, difference_over_seeds, mean_over_seeds, share_over_seeds
 from uavbench.replay import check_paired, flown_in
 from uavbench.results import Result, ResultError, deliver
 from uavbench.scenario import Scenario, SplitName
@@ -29,24 +29,38 @@ _INTERVALS = "95 % confidence intervals"
 
 @dataclass(frozen=True)
 class Compared:
-    """What a report is of: results on the same episodes.
+    """What a report is of: entries, results or groups of them, on the same episodes.
 
     Attributes
     ----------
     names : list of str
-        Of the agents, no two alike.
-    results : sequence of Result
-    tables : list of DataFrame
-        Their episodes.
+        Of the entries, no two alike.
+    runs : list of list of DataFrame
+        The episodes of each entry's results: one, or one for each seed.
     scenario : Scenario
     split : str
     """
 
     names: list[str]
-    results: Sequence[Result]
-    tables: list[Any]
+    runs: list[list[Any]]
     scenario: Scenario
     split: SplitName
+
+    @property
+    def tables(self) -> list[Any]:
+        """The episodes of each entry's first result."""
+        return [tables[0] for tables in self.runs]
+
+    def values(self, metric: Callable[[Any], Any]) -> list[NDArray[Any]]:
+        """Return of each entry what ``metric`` takes from a table, shape (seeds, episodes)."""
+        return [np.stack([metric(table).to_numpy() for table in tables]) for tables in self.runs]
+
+    @property
+    def labels(self) -> list[str]:
+        """The entries' names, with how many seeds it was where it was more than one."""
+        return [
+            f"{name} ({len(runs)} seeds)" if len(runs) > 1 else name for name, runs in zip(self.names, self.runs, strict=True)
+        ]
 
     @property
     def subject(self) -> str:
@@ -59,25 +73,31 @@ def write_report(
     folder: Path,
     on_file: Callable[[Path], object] = lambda path: None,
     scenario_file: str | None = None,
+    groups: Mapping[str, Sequence[Result]] | None = None,
 ) -> None:
     """Write the tables and figures of results on the same episodes: `FILES`.
 
     Parameters
     ----------
     results : sequence of Result
+        An entry each.
     folder : Path
         Where to; it need not be there. Nothing is written before everything is computed.
     on_file : callable, optional
         Told of every file that is ready to be written.
     scenario_file : str, optional
         Where the scenario is, if it is a user's own and not where it was.
+    groups : mapping of str to sequence of Result, optional
+        Methods that were trained with several seeds, by name, with a result for each seed. Each is one entry, after the others:
+        the mean over its seeds, with intervals over seeds and episodes.
 
     Raises
     ------
     ResultError
-        When there are none, one is there twice or damaged, or they are not of the same scenario, split and episodes.
+        When there are none, one is there twice or damaged, two entries have one name, or they are not of the same scenario,
+        split and episodes.
     """
-    compared = _compare(results, scenario_file)
+    compared = _compare(results, scenario_file, groups or {})
     rows = _comparison(compared)
     files = {
         "comparison.md": _markdown(rows, compared.subject).encode(),
@@ -86,29 +106,35 @@ def write_report(
     }
     for name in files:
         on_file(folder / name)
-    for name, draw in _FIGURES.items():
-        figure = draw(compared)
-        for ending in _FORMATS:
-            buffer = io.BytesIO()
-            figure.savefig(buffer, dpi=200, format=ending)
-            files[f"{name}.{ending}"] = buffer.getvalue()
-            on_file(folder / f"{name}.{ending}")
+    with fixed_style("".join(compared.labels)):
+        for name, draw in _FIGURES.items():
+            figure = draw(compared)
+            for ending in _FORMATS:
+                buffer = io.BytesIO()
+                figure.savefig(buffer, dpi=200, format=ending)
+                files[f"{name}.{ending}"] = buffer.getvalue()
+                on_file(folder / f"{name}.{ending}")
     deliver({folder / name: content for name, content in files.items()})
 
 
-def _compare(results: Sequence[Result], scenario_file: str | None) -> Compared:
+def _compare(results: Sequence[Result], scenario_file: str | None, groups: Mapping[str, Sequence[Result]]) -> Compared:
     """Look whether results can be compared."""
-    if not results:
+    every = [*results, *(result for group in groups.values() for result in group)]
+    if not every:
         raise ResultError("no results: give folders that uavbench evaluate wrote")
-    folders = [result.folder.resolve() for result in results]
+    folders = [result.folder.resolve() for result in every]
     for k, folder in enumerate(folders):
         if folder in folders[:k]:
-            raise ResultError(f"{results[k].folder}: given twice")
-    scenario, split = flown_in(results[0], scenario_file)
-    for other in results[1:]:
-        check_paired(results[0], other)
-    tables = [result.scores() for result in results]
-    return Compared(_names(results, folders), results, tables, scenario, split)
+            raise ResultError(f"{every[k].folder}: given twice")
+    names = _names(results, folders[: len(results)])
+    for name in groups:
+        if name in names:
+            raise ResultError(f"--group {name}: a result has this name; choose another one")
+    scenario, split = flown_in(every[0], scenario_file)
+    for other in every[1:]:
+        check_paired(every[0], other)
+    runs = [[result.scores() for result in group] for group in (*([result] for result in results), *groups.values())]
+    return Compared([*names, *groups], runs, scenario, split)
 
 
 def _names(results: Sequence[Result], folders: Sequence[Path]) -> list[str]:
@@ -129,28 +155,28 @@ def _numbers(compared: Compared) -> "pd.DataFrame":
     """Return the table as numbers, shares in [0, 1]: scores, differences in CRAL to the first result, and steps."""
     import pandas as pd
 
-    first = compared.tables[0]["cral"].to_numpy(np.float64)
+    scores = {metric: compared.values(lambda table, metric=metric: table[metric]) for metric in (*METRICS, "steps")}
     rows: list[dict[str, Any]] = []
-    for name, table in zip(compared.names, compared.tables, strict=True):
-        row: dict[str, Any] = {"agent": name, "episodes": len(table)}
-        landed, cr, cral = (table[metric].to_numpy(np.float64) for metric in METRICS)
-        intervals = summarise(landed > 0, cr, cral)
-        if table is not compared.tables[0]:
-            intervals["cral_difference"] = compare(cral, first).difference
+    for k, name in enumerate(compared.names):
+        landed, cr, cral, steps = (scores[metric][k].astype(np.float64) for metric in scores)
+        row: dict[str, Any] = {"agent": name, "seeds": len(steps), "episodes": steps.shape[1]}
+        intervals = {"landed": share_over_seeds(landed > 0), "cr": mean_over_seeds(cr), "cral": mean_over_seeds(cral)}
+        if k > 0:
+            intervals["cral_difference"] = difference_over_seeds(cral, scores["cral"][0])
         for metric, interval in intervals.items():
             row |= {metric: interval.mean, f"{metric}_low": interval.low, f"{metric}_high": interval.high}
-        rows.append({**row, "steps": table["steps"].mean()})
-    steps = [row.pop("steps") for row in rows]
-    return pd.DataFrame(rows).assign(steps=steps)
+        rows.append({**row, "steps": steps.mean()})
+    means = [row.pop("steps") for row in rows]
+    return pd.DataFrame(rows).assign(steps=means)
 
 
 def _comparison(compared: Compared) -> list[list[str]]:
     """Return the rows of the table as people read it, the head first."""
     rows = [["agent", *(NAMES[name] for name in METRICS), f"CRAL − {compared.names[0]}", "steps"]]
-    for row in _numbers(compared).to_dict("records"):
+    for label, row in zip(compared.labels, _numbers(compared).to_dict("records"), strict=True):
         scores = [_cell(row, name) for name in METRICS]
         difference = "" if len(rows) == 1 else _cell(row, "cral_difference", "+")
-        rows.append([row["agent"], *scores, difference, f"{row['steps']:.1f}"])
+        rows.append([label, *scores, difference, f"{row['steps']:.1f}"])
     return rows
 
 
@@ -167,9 +193,11 @@ def _markdown(rows: Sequence[Sequence[str]], subject: str) -> str:
 
 def _latex(rows: Sequence[Sequence[str]], subject: str) -> str:
     head, *body = [" & ".join(_tex(cell) for cell in row) + r" \\" for row in rows]
+    body = [f"{{}}{row}" if row[0] in "[*" else row for row in body]  # else an argument of the line's end before
     columns = "l" + "r" * (len(rows[0]) - 1)
-    begin = [f"% {subject}; in %, with {_INTERVALS}; steps are means.", rf"\begin{{tabular}}{{{columns}}}"]
-    return "\n".join([*begin, r"\hline", head, r"\hline", *body, r"\hline", r"\end{tabular}"]) + "\n"
+    notes = [f"% {subject}; in %, with {_INTERVALS}; steps are means.", r"% Needs \usepackage{booktabs}."]
+    table = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]
+    return "\n".join([*notes, *table]) + "\n"
 
 
 _TEX = {letter: f"\\{letter}" for letter in "_%&#${}"} | {
@@ -210,7 +238,12 @@ def _cr_against_targets(compared: Compared) -> Any:
 
 
 def _failures_against_budget(compared: Compared) -> Any:
-    return _against(compared, _budget_name(compared), "not landed, %", _budgets(compared), lambda table: table["landed"] == 0)
+    figure = _against(compared, _budget_name(compared), "not landed, %", _budgets(compared), lambda table: table["landed"] == 0)
+    (axes,) = figure.axes
+    if all((table["landed"] == 1).all() for tables in compared.runs for table in tables):
+        axes.set(ylim=(-0.5, 10))
+        axes.text(0.5, 0.5, "All agents landed in every episode.", transform=axes.transAxes, ha="center", va="center")
+    return figure
 
 
 def _budget_name(compared: Compared) -> str:
@@ -223,11 +256,12 @@ def _against(compared: Compared, across: str, up: str, x: NDArray[np.float64], m
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     groups = _groups(x)
     middle = [float(x[group].mean()) for group in groups]
-    for k, (name, table) in enumerate(zip(compared.names, compared.tables, strict=True)):
-        values = metric(table).to_numpy()
-        interval = proportion_interval if values.dtype == np.bool_ else mean_interval
-        _band(axes, k, middle, [interval(values[group]) for group in groups], name, marker=_MARKERS[k % len(_MARKERS)])
-    axes.legend(fontsize=8)
+    for k, values in enumerate(compared.values(metric)):
+        shares = values.dtype == np.bool_
+        found = [(share_over_seeds if shares else mean_over_seeds)(values[:, group]) for group in groups]
+        never = shares and not values.any()  # what did not happen has no band: several of them would hide the others' lines
+        _band(axes, k, middle, found, compared.labels[k], marker=_MARKERS[k % len(_MARKERS)], shade=not never)
+    _legend(figure, axes)
     return figure
 
 
@@ -245,15 +279,14 @@ def _performance_profiles(compared: Compared) -> Any:
     """Return the figure of performance profiles: on which share of episodes CRAL is above τ (Agarwal et al., NeurIPS 2021)."""
     figure, axes = _figure(compared, "CRAL τ, %", "episodes with CRAL above τ, %")
     levels = np.arange(100) / 100  # no CRAL is above 1
-    for k, (name, table) in enumerate(zip(compared.names, compared.tables, strict=True)):
-        cral = table["cral"].to_numpy(np.float64)
-        _band(axes, k, (100 * levels).tolist(), [proportion_interval(cral > level) for level in levels], name)
-    axes.legend(fontsize=8)
+    for k, cral in enumerate(compared.values(lambda table: table["cral"])):
+        _band(axes, k, (100 * levels).tolist(), [share_over_seeds(cral > level) for level in levels], compared.labels[k])
+    _legend(figure, axes)
     return figure
 
 
 def _figure(compared: Compared, across: str, up: str) -> tuple[Any, Any]:
-    figure: Any = Figure(figsize=(5.0, 3.4), layout="constrained")
+    figure: Any = Figure(figsize=(5.0, 3.3), layout="constrained")
     axes = figure.subplots()
     axes.set_title(compared.subject, fontsize=8)
     axes.set(xlabel=across, ylabel=up)
@@ -261,12 +294,24 @@ def _figure(compared: Compared, across: str, up: str) -> tuple[Any, Any]:
     return figure, axes
 
 
-def _band(axes: Any, k: int, x: Sequence[float], found: Sequence[Interval], name: str, marker: str = "") -> None:
+def _legend(figure: Any, axes: Any) -> None:
+    """Write the entries' names below the axes, where they hide nothing; the figure grows by their lines."""
+    handles, labels = axes.get_legend_handles_labels()
+    columns = max(1, min(4, int(75 / (7 + max(map(len, labels))))))  # of about 75 letters
+    figure.set_figheight(figure.get_figheight() + 0.17 * math.ceil(len(labels) / columns))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+
+
+def _band(
+    axes: Any, k: int, x: Sequence[float], found: Sequence[Interval], name: str, marker: str = "", shade: bool = True
+) -> None:
     """Draw the means of agent ``k`` with the band of their intervals; dashes show lines that lie on each other."""
     dashes = "-" if k == 0 else (0, (4, 1 + k))
     label = name.replace("$", r"\$")  # else mathematics
     label = f" {label}" if label.startswith("_") else label  # else left out of the legend
     (line,) = axes.plot(x, [100 * each.mean for each in found], ls=dashes, marker=marker, ms=4, mfc="none", lw=1.4, label=label)
+    if not shade:
+        return
     low, high = [100 * each.low for each in found], [100 * each.high for each in found]
     axes.fill_between(x, low, high, color=line.get_color(), alpha=0.18, lw=0)
 

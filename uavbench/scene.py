@@ -51,7 +51,7 @@ class Scene:
     hovers : list of (cell, colour)
         Where a step was spent in place, a cross each.
     starts, ends : list of (cell, colour)
-        Where UAVs began, and where those are that landed: diamonds.
+        Where UAVs began, hollow diamonds, and where those are that landed, full ones.
     crashes : list of cell
         Where those are that crashed: red diamonds with a cross.
     uavs : list of (cell, colour)

@@ -6,53 +6,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from browsing import watch
 
 from uavbench.leaderboard.board import build, submission_folders
 from uavbench.leaderboard.submission import load_submission
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="the page needs Playwright: pip install 'uavbench[dev]'")
-CHROMIUM = shutil.which("chromium")
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="the page needs Debian's chromium: apt-get install chromium")
-
 OFFICIAL = Path(__file__).parent.parent.parent / "leaderboard" / "submissions"
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with sync_api.sync_playwright() as playwright:
-        yield playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-
-
-@pytest.fixture
-def opened(browser):
-    """Open a page and collect what goes wrong in it, requests to elsewhere included."""
-    contexts, wrong = [], []
-
-    def open_page(path, **options):
-        context = browser.new_context(bypass_csp=True, **options)  # so that tests may wait for functions
-        contexts.append(context)
-        page = context.new_page()
-        page.on("pageerror", lambda error: wrong.append(str(error)))
-        page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
-        page.on(
-            "request",
-            lambda request: None if request.url.startswith(("file:", "data:", "blob:")) else wrong.append(request.url),
-        )
-        page.goto(path.as_uri())
-        return page
-
-    yield open_page
-    for context in contexts:
-        context.close()
-    assert wrong == []
-
-
-@pytest.fixture(scope="module")
-def board(made, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("page")
-    shutil.copytree(made, folder / "submissions")
-    build(folder / "submissions")
-    return folder / "index.html"
 
 
 def names(page):
@@ -204,25 +163,6 @@ def test_every_official_flight_ends_as_in_the_submission_and_the_page_is_small(o
         assert [cr for cr, _ in found] == pytest.approx(submission.result.episodes()["cr"].tolist()[: len(found)], abs=1e-5)
 
 
-def test_reads_well_on_a_phone_and_in_the_dark(board, opened):
-    page = opened(board, viewport={"width": 375, "height": 700}, color_scheme="dark")
-    assert page.evaluate("document.documentElement.scrollWidth") <= 375
-    dark = page.evaluate("getComputedStyle(document.body).backgroundColor")
-    page.click("#theme")
-    assert page.evaluate("getComputedStyle(document.body).backgroundColor") != dark
-    page.select_option("#scenario", "Block8-CPP-v0")
-    assert page.is_visible("tr[data-name=greedy] td.rank")
-    cell, tier = (page.locator(f"tr[data-name=greedy] {each}").bounding_box() for each in ("td.name", ".tier"))
-    assert tier["x"] + tier["width"] <= cell["x"] + cell["width"] <= 375
-    page.click("tr[data-name=greedy] .open")
-    page.wait_for_selector(".pane")
-    assert page.evaluate("document.documentElement.scrollWidth") <= 375
-    legend = "document.querySelector('#legend i').style.background"
-    light = page.evaluate(legend)
-    page.click("#theme")
-    assert page.evaluate(legend) != light
-
-
 def test_what_is_submitted_is_text_to_the_page(made, opened, tmp_path):
     folder = shutil.copytree(made, tmp_path / "submissions")
     manifest = folder / "greedy" / "Block8-CPP-v0" / "manifest.toml"
@@ -233,3 +173,72 @@ def test_what_is_submitted_is_text_to_the_page(made, opened, tmp_path):
     page.select_option("#scenario", "Block8-CPP-v0")
     assert evil in page.inner_text("tr[data-name=greedy]")
     assert page.locator("#board img").count() == 0
+
+
+def test_ranks_name_their_track_where_both_are_shown(board, opened):
+    page = opened(board)
+    page.select_option("#scenario", "Block8-CPP-v0")
+    ranks = "rows => Object.fromEntries(rows.map(row => [row.dataset.name, row.querySelector('.rank').textContent]))"
+    assert page.eval_on_selector_all("#board tbody tr", ranks) == {"greedy": "S1", "random": "O1"}
+    assert "S1 of the state track" in page.inner_text("#ranks")
+    page.click("th[data-column=rank] button")
+    assert names(page) == ["random", "greedy"]
+    page.select_option("#track", "state")
+    assert page.eval_on_selector_all("#board tbody tr", ranks) == {"greedy": "1"}
+
+
+def test_a_flight_has_an_address(board, opened):
+    page = opened(board)
+    watch(page, "Block8-DH-v0", "greedy", 17)
+    assert page.evaluate("location.hash") == "#Block8-DH-v0/greedy/17"
+    assert page.get_attribute("#link", "href") == "#Block8-DH-v0/greedy/17"
+    page.select_option("#where", "Block8-CPP-v0")
+    page.wait_for_selector(".pane h3:has-text('Block8-CPP-v0')")
+    page.fill("#episode", "5")
+    page.locator("#episode").dispatch_event("change")
+    page.wait_for_function("location.hash === '#Block8-CPP-v0/greedy/5'")
+    page.click("#close")
+    assert page.evaluate("location.hash") == "#Block8-DH-v0"
+    page.evaluate("location.hash = '#Block8-CPP-v0/random/999'")
+    page.wait_for_selector(".pane h3:has-text('random · Block8-CPP-v0 · episode 999')")
+    assert page.input_value("#scenario") == "Block8-CPP-v0"
+    page.reload()
+    page.wait_for_selector(".pane h3:has-text('random · Block8-CPP-v0 · episode 999')")
+    page.evaluate("location.hash = '#Block8-DH-v0'")
+    page.wait_for_selector("#viewer", state="hidden")
+    assert page.input_value("#scenario") == "Block8-DH-v0"
+
+
+@pytest.mark.parametrize(
+    ("address", "episode"),
+    [
+        *[(f"#Block8-CPP-v0/greedy/{said}", "999") for said in ("1e99", "1000", "99999999999")],
+        *[(f"#Block8-CPP-v0/greedy/{said}", "0") for said in ("-5", "0", "-0")],
+        *[
+            (f"#{said}", None)
+            for said in ("%E0%A4%A", "__proto__/constructor/1", "Block8-CPP-v0/nobody/1", "a/b/c/d", "/", "//", "%")
+        ],
+        ("#Block8-CPP-v0/<img src=x onerror=alert(1)>/1", None),
+        ("#<script>alert(1)</script>/greedy/1", None),
+    ],
+)
+def test_a_hostile_address_does_nothing(board, opened, address, episode):
+    page = opened(board)
+    page.goto(f"{board.as_uri()}{address}")
+    page.reload()
+    if episode is None:
+        assert not page.is_visible("#viewer")
+        assert re.fullmatch(r"#[\w-]+", page.evaluate("location.hash"))
+    else:
+        page.wait_for_function(f"location.hash === '#Block8-CPP-v0/greedy/{episode}'")
+    assert names(page)
+    assert page.locator("img, main script").count() == 0
+
+
+def test_an_address_without_a_number_leads_to_the_median(board, opened):
+    page = opened(board)
+    page.evaluate("location.hash = '#Block8-CPP-v0/greedy/abc'")
+    page.wait_for_function("/^#Block8-CPP-v0.greedy.[0-9]+$/.test(location.hash)")
+    median = page.input_value("#episode")
+    page.click("[data-pick=median]")
+    assert page.input_value("#episode") == median

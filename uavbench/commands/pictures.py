@@ -1,11 +1,14 @@
 """``uavbench plot``, ``film``, ``play`` and ``report``: results to look at."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavbench.commands.shared import ResultFolder, ScenarioFile, fail, flown
+
+if TYPE_CHECKING:
+    from uavbench.results import Result
 
 _Episode = Annotated[int, typer.Option(min=0, help="Which episode.")]
 
@@ -95,8 +98,17 @@ def _score(episode: int, landed: bool, cr: float, cral: float) -> str:
 
 
 def report(
-    folders: Annotated[list[Path], typer.Argument(help="Folders that evaluate wrote, of the same episodes, or submissions'.")],
+    folders: Annotated[
+        list[Path] | None, typer.Argument(help="Folders that evaluate wrote, of the same episodes, or submissions'.")
+    ] = None,
     out: Annotated[Path, typer.Option(help="The folder to write.")] = Path("report"),
+    group: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=RESULT,RESULT,…",
+            help="A method trained with several seeds, a folder for each: one entry. Repeatable.",
+        ),
+    ] = None,
     scenario: ScenarioFile = None,
 ) -> None:
     """Write tables and figures that compare results.
@@ -111,8 +123,33 @@ def report(
     from uavbench.report import FILES, write_report
 
     try:
+        groups = _groups(group or [])
         with working(Console(stderr=True), "writing", len(FILES)) as advance:
-            write_report([flown(folder) for folder in folders], out, advance, scenario)
+            write_report([flown(folder) for folder in folders or []], out, advance, scenario, groups)
     except UavbenchError as error:
         raise fail(error) from None
     typer.echo(f"wrote {out}: {', '.join(FILES)}")
+
+
+def _groups(given: list[str]) -> "dict[str, list[Result]]":
+    """Return the results of each ``--group``, by its name.
+
+    Raises
+    ------
+    ResultError
+        When one is not NAME=RESULT,RESULT,…, a name is given twice, or a result cannot be used.
+    """
+    from uavbench.results import ResultError
+
+    groups: dict[str, list[Result]] = {}
+    for text in given:
+        name, _, folders = text.partition("=")
+        if not name.strip() or not name.isprintable() or not all(folders.split(",")):
+            raise ResultError(f"--group {text!r}: write NAME=RESULT,RESULT,…, a folder for each seed")
+        if name in groups:
+            raise ResultError(f"--group {name}: given twice; choose another name")
+        try:
+            groups[name] = [flown(Path(folder)) for folder in folders.split(",")]
+        except ResultError as error:
+            raise ResultError(f"--group {name}: {error}") from None
+    return groups

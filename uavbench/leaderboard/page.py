@@ -39,11 +39,17 @@ def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
         "columns": columns,
         "flights": {entry.submission.label: _flights(entry, elsewhere) for entry in watched},
     }
+    return _filled(json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"))
+
+
+def _filled(data: str) -> str:
+    """Return the page that shows ``data``, which is JSON without a ``<``."""
     parts = {
         "CSS": _asset("page.css"),
-        "DATA": json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"),
+        "DATA": data,
         "WORLD": _asset("world.js"),
         "VIEWER": _asset("viewer.js"),
+        "SCATTER": _asset("scatter.js"),
         "BOARD": _asset("board.js"),
     }
     return re.sub(r"/\*([A-Z]+)\*/", lambda mark: parts[mark[1]], _asset("page.html"))

@@ -1,6 +1,6 @@
 "use strict";
 
-// The table: sorted, filtered, with bars; and the scatter of what it shows.
+// The table: sorted, filtered, with bars.
 const DATA = JSON.parse(document.getElementById("data").textContent);
 
 (() => {
@@ -10,7 +10,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
   const count = (value) => (value === null ? "" : value.toLocaleString("en", { maximumFractionDigits: value < 10 ? 1 : 0 }));
   const score = (interval) => interval[0];
   const COLUMNS = [
-    { name: "rank", title: "Rank", value: (row) => row.rank, show: (row) => row.rank ?? "–", first: "ascending" },
+    { name: "rank", title: "Rank", value: (row) => row.rank && row.rank + (row.track === "state" ? DATA.rows.length : 0), show: rank, first: "ascending" },
     { name: "name", title: "Agent", value: (row) => row.name.toLowerCase(), show: agent, first: "ascending" },
     { name: "cral", title: "CRAL %", value: (row) => score(row.cral), show: (row) => bar(row.cral) },
     { name: "cr", title: "CR %", value: (row) => score(row.cr), show: (row) => bar(row.cr) },
@@ -24,11 +24,17 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
   let sorting = { column: COLUMNS[2], direction: "descending" };
 
   function element(name, attributes = {}, ...children) {
-    const svg = ["svg", "rect", "line", "circle", "text", "title", "g"].includes(name);
+    const svg = ["svg", "rect", "line"].includes(name);
     const made = svg ? document.createElementNS("http://www.w3.org/2000/svg", name) : document.createElement(name);
     for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
     made.append(...children);
     return made;
+  }
+
+  // Ranks are of a track: with both shown, each says of which.
+  function rank(row) {
+    if (row.rank === null) return "–";
+    return find("track").value ? row.rank : element("span", { title: `${row.track} track, rank ${row.rank}` }, `${row.track[0].toUpperCase()}${row.rank}`);
   }
 
   function agent(row) {
@@ -78,33 +84,11 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
       return line;
     }));
     find("none").hidden = rows.length > 0;
-    scatter(rows.filter((row) => row.decisions_per_second));
-    location.replace(`#${find("scenario").value}`);
-  }
-
-  function scatter(rows) {
-    const width = 860, height = 340, left = 54, bottom = 40, right = 150, top = 16;
-    const times = rows.map((row) => 1000 / row.decisions_per_second), values = rows.map((row) => row.cral[0]);
-    const low = Math.floor(Math.log10(Math.min(0.01, ...times))), high = Math.ceil(Math.log10(Math.max(1, ...times)));
-    const least = Math.max(0, Math.floor(Math.min(95, ...values) / 10) * 10 - 5);
-    const x = (time) => left + ((Math.log10(time) - low) / (high - low)) * (width - left - right);
-    const y = (value) => height - bottom - ((value - least) / (100 - least)) * (height - bottom - top);
-    const drawn = element("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": "CRAL of each agent against the time it takes for a decision" });
-    for (let power = low; power <= high; power++) {
-      drawn.append(element("line", { class: "axis", x1: x(10 ** power), x2: x(10 ** power), y1: top, y2: height - bottom }));
-      drawn.append(element("text", { class: "quiet", x: x(10 ** power), y: height - bottom + 16, "text-anchor": "middle" }, `${10 ** power} ms`));
-    }
-    for (let value = Math.ceil(least / 10) * 10; value <= 100; value += 10) {
-      drawn.append(element("line", { class: "axis", x1: left, x2: width - right, y1: y(value), y2: y(value) }));
-      drawn.append(element("text", { class: "quiet", x: left - 8, y: y(value) + 4, "text-anchor": "end" }, value));
-    }
-    drawn.append(element("text", { class: "quiet", x: left, y: height - 6 }, "time for a decision"));
-    rows.forEach((row, k) => {
-      const point = element("circle", { class: row.track, cx: x(times[k]), cy: y(values[k]), r: 5 });
-      point.append(element("title", {}, `${row.name}: ${percent(values[k])} %, ${times[k].toPrecision(2)} ms`));
-      drawn.append(point, element("text", { x: x(times[k]) + 9, y: y(values[k]) + 4 }, row.name));
-    });
-    find("scatter").replaceChildren(drawn);
+    find("ranks").textContent = find("track").value
+      ? "Agents are ranked within their track."
+      : "Agents are ranked within their track: O1 is the first of the observation track, S1 of the state track.";
+    Scatter.draw(rows.filter((row) => row.decisions_per_second));
+    Viewer.remember();
   }
 
   for (const column of COLUMNS) {
@@ -117,8 +101,19 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     find("board").tHead.rows[0].append(head);
   }
   for (const name of new Set(DATA.rows.map((row) => row.scenario))) find("scenario").append(element("option", { value: name }, name));
-  const wanted = location.hash.slice(1); // ids need no escaping
-  if (DATA.rows.some((row) => row.scenario === wanted)) find("scenario").value = wanted;
+  // Go where the address says: #scenario, or #scenario/agent/episode. What names nothing here changes nothing.
+  function follow() {
+    let parts = [];
+    try {
+      parts = location.hash.slice(1).split("/").map(decodeURIComponent);
+    } catch { /* no text */ }
+    const [where, entry, episode] = parts;
+    if (DATA.rows.some((row) => row.scenario === where)) find("scenario").value = where;
+    if (Object.hasOwn(DATA.flights, `${entry}/${where}`)) Viewer.open(entry, where, episode);
+    else if (!find("viewer").hidden) Viewer.close();
+    show();
+  }
+
   find("filters").addEventListener("input", show);
   find("filters").addEventListener("submit", (event) => event.preventDefault());
   find("theme").addEventListener("click", () => {
@@ -127,5 +122,6 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     document.documentElement.dataset.theme = now === "dark" ? "light" : "dark";
     Viewer.repaint();
   });
-  show();
+  window.addEventListener("hashchange", follow);
+  follow();
 })();

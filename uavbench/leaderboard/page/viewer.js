@@ -5,12 +5,12 @@ const Viewer = (() => {
   const find = (id) => document.getElementById(id);
   const ACTIONS = ["north", "east", "south", "west", "hover", "land"];
   const COLOURS = {
-    light: { ".": "#ffffff", L: "#9db8ea", N: "#efb0a8", "#": "#6d747c", left: "#3fa25b", done: "#cfe8d6", grid: "#e8eaec", shade: "#00000014", path: "#333a41", uav: "#c2410c" },
-    dark: { ".": "#22272c", L: "#2c4a86", N: "#7a332b", "#": "#8b939b", left: "#45b06a", done: "#28402f", grid: "#2d3338", shade: "#ffffff12", path: "#d5dade", uav: "#fb923c" },
+    light: { ".": "#ffffff", L: "#9db8ea", N: "#f3b5ad", "#": "#6d747c", stripe: "#d0665a", left: "#3fa25b", done: "#cfe8d6", grid: "#e8eaec", crash: "#c81010", shade: "#0000001f", path: "#333a41", uav: "#c2410c", view: "#eab30873" },
+    dark: { ".": "#22272c", L: "#2c4a86", N: "#6f2f28", "#": "#8b939b", stripe: "#b5564a", left: "#45b06a", done: "#28402f", grid: "#2d3338", crash: "#f04444", shade: "#ffffff1c", path: "#d5dade", uav: "#fb923c", view: "#facc1559" },
   };
   const SERVED = ["#d97706", "#2563eb", "#9333ea", "#0d9488", "#dc2626", "#65a30d", "#db2777", "#0891b2", "#a16207", "#4f46e5"];
   const scenarios = new Map(), flights = new Map();
-  let panes = [], time = 0, timer = null, opener = null;
+  let panes = [], time = 0, timer = null, opener = null, latest = 0;
 
   const theme = () => document.documentElement.dataset.theme || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 
@@ -42,8 +42,8 @@ const Viewer = (() => {
     if (values.includes(chosen)) select.value = chosen;
   }
 
-  // Open the viewer with an entry, on the scenario of the table or the first that it has flown.
-  async function open(entry, where) {
+  // Open the viewer with an entry, on the scenario of the table or the first that it has flown, and an episode or the median one.
+  async function open(entry, where, episode) {
     opener = title(entry);
     fill(find("first"), agents(), entry, title);
     fill(find("where"), flown(entry), where);
@@ -51,7 +51,16 @@ const Viewer = (() => {
     find("viewer").hidden = false;
     find("viewer").scrollIntoView({ behavior: "smooth", block: "start" });
     find("viewer-title").focus({ preventScroll: true });
-    await pick("median");
+    find("episode").value = episode ?? "";
+    await (find("episode").value ? load() : pick("median"));
+  }
+
+  // Write into the address what is shown, so that it can be shared: #scenario/agent/episode, or #scenario without a flight.
+  function remember() {
+    const parts = find("viewer").hidden ? [find("scenario").value] : [find("where").value, find("first").value, find("episode").value];
+    const address = `#${parts.map(encodeURIComponent).join("/")}`;
+    history.replaceState(null, "", address);
+    find("link").href = address;
   }
 
   function others(chosen) {
@@ -66,10 +75,12 @@ const Viewer = (() => {
   }
 
   async function load() {
+    const asked = ++latest;
     pause();
     const where = await scenario(find("where").value);
     const wanted = [find("first").value, find("second").value].filter(Boolean);
     const data = await Promise.all(wanted.map((agent) => flight(`${agent}/${where.id}`)));
+    if (asked !== latest) return; // another flight was chosen meanwhile
     const most = Math.min(...data.map((each) => each.episodes)) - 1;
     const episode = Math.max(0, Math.min(most, Math.round(Number(find("episode").value)) || 0));
     find("episode").max = most;
@@ -89,8 +100,9 @@ const Viewer = (() => {
       return pane.box;
     }));
     find("time").max = Math.max(...panes.map((pane) => pane.flight.frames.length - 1));
-    legend(where);
+    legend();
     go(0);
+    remember();
   }
 
   // CR and whether all landed, of every flight that can be watched: for tests.
@@ -113,20 +125,18 @@ const Viewer = (() => {
   function play() {
     if (time === Number(find("time").max)) go(0);
     timer = setInterval(() => go(time + 1), 1000 / Number(find("speed").value));
-    find("play").textContent = "⏸";
     find("play").setAttribute("aria-label", "Pause");
   }
 
   function pause() {
     clearInterval(timer);
     timer = null;
-    find("play").textContent = "▶";
     find("play").setAttribute("aria-label", "Play");
   }
 
   // After a change between light and dark.
   function repaint() {
-    if (panes.length) legend(panes[0].scenario);
+    if (panes.length) legend();
     draw();
   }
 
@@ -147,25 +157,25 @@ const Viewer = (() => {
 
   function paint({ canvas, flight, scenario: where }, now, frame) {
     const { city } = where, colours = COLOURS[theme()], size = Math.max(8, Math.floor(1024 / Math.max(city.rows, city.cols)));
-    canvas.width = city.cols * size;
-    canvas.height = city.rows * size;
+    const rim = Math.ceil(0.75 * size); // so that devices on the map's edge are drawn as a whole
+    canvas.width = city.cols * size + 2 * rim;
+    canvas.height = city.rows * size + 2 * rim;
     const g = canvas.getContext("2d"), middle = ([r, c]) => [(c + 0.5) * size, (r + 0.5) * size];
+    g.translate(rim, rim);
+    g.fillStyle = colours.grid;
+    g.fillRect(0, 0, city.cols * size, city.rows * size);
     for (let r = 0; r < city.rows; r++) {
       for (let c = 0; c < city.cols; c++) {
         const cell = r * city.cols + c, covered = flight.mission.coveredAt ? flight.mission.coveredAt[cell] : -1;
-        g.fillStyle = covered === -1 ? colours[city.at(r, c)] : colours[covered > now ? "left" : "done"];
-        g.fillRect(c * size, r * size, size - 1, size - 1);
-        if (covered !== -1 && city.at(r, c) !== ".") {
-          g.fillStyle = colours[city.at(r, c)];
-          g.fillRect(c * size + size * 0.3, r * size + size * 0.3, size * 0.4, size * 0.4);
-        }
+        if (covered === -1) tile(g, city.at(r, c), c * size, r * size, size - 1, colours);
+        else target(g, covered > now ? "left" : "done", city.at(r, c), c * size, r * size, size - 1, colours);
       }
     }
     if (flight.mission.devices) paintShade(g, flight.mission.devices, frame.left, city, size, colours);
     frame.team.forEach((uav, u) => {
       if (uav.done) return;
       if (where.mission.kind === "coverage") {
-        g.fillStyle = `${colours.uav}40`;
+        g.fillStyle = colours.view;
         for (const cell of World.camera(where, ...uav.position)) {
           g.fillRect((cell % city.cols) * size, Math.floor(cell / city.cols) * size, size, size);
         }
@@ -182,16 +192,37 @@ const Viewer = (() => {
         line(g, [[x, y], middle(flight.mission.devices[event.device].cell)]);
         g.setLineDash([]);
       }
-      g.fillStyle = uav.done ? colours.path : colours.uav;
-      g.beginPath();
-      g.arc(x, y, size * 0.42, 0, 2 * Math.PI);
-      g.fill();
+      if (uav.done) (uav.landed ? paintEnd : paintCrash)(g, [x, y], size, colours);
+      else disc(g, [x, y], size * 0.42, colours.uav, colours["."]);
       if (frame.team.length > 1) {
         g.fillStyle = colours["."];
-        g.font = `${size * 0.6}px sans-serif`;
-        g.fillText(u + 1, x - size * 0.17, y + size * 0.21);
+        g.font = `bold ${size * 0.6}px sans-serif`;
+        g.textAlign = "center";
+        g.textBaseline = "middle";
+        g.fillText(u + 1, x, y + size * 0.04);
       }
     });
+  }
+
+  // A cell of the map; no-fly zones are striped, so that they are told from all else without their colour.
+  function tile(g, kind, x, y, size, colours) {
+    g.fillStyle = colours[kind];
+    g.fillRect(x, y, size, size);
+    if (kind !== "N") return;
+    g.strokeStyle = colours.stripe;
+    g.lineWidth = size / 10;
+    line(g, [[x, y + size / 2], [x + size / 2, y]]);
+    line(g, [[x, y + size], [x + size, y]]);
+    line(g, [[x + size / 2, y + size], [x + size, y + size / 2]]);
+  }
+
+  // A target cell; the zone that it is in, if any, is an inset square.
+  function target(g, state, kind, x, y, size, colours) {
+    g.fillStyle = colours[state];
+    g.fillRect(x, y, size, size);
+    if (kind === ".") return;
+    g.fillStyle = colours[kind];
+    g.fillRect(x + size * 0.3, y + size * 0.3, size * 0.4, size * 0.4);
   }
 
   // Where no device that still has data is in line of sight.
@@ -217,8 +248,23 @@ const Viewer = (() => {
       if (event.action === World.HOVER) cross(g, middle(event.from), size * 0.22);
       else line(g, [middle(event.from), middle(event.to)]);
     }
-    diamond(g, middle(frames[0].team[u].position), size * 0.4, colours.path);
-    if (frames.at(-1).team[u].done) diamond(g, middle(frames.at(-1).team[u].position), size * 0.55, colours.uav);
+    paintStart(g, middle(frames[0].team[u].position), size, colours);
+  }
+
+  // Where a flight begins: a hollow diamond. Where it ends: a full one, or the cross of a crash.
+  function paintStart(g, at, size, colours) {
+    diamond(g, at, size * 0.62, colours.path);
+    diamond(g, at, size * 0.38, colours["."]);
+  }
+  function paintEnd(g, at, size, colours) {
+    diamond(g, at, size * 0.62, colours["."]);
+    diamond(g, at, size * 0.52, colours.path);
+  }
+  function paintCrash(g, at, size, colours) {
+    disc(g, at, size * 0.5, colours.crash, colours["."]);
+    g.strokeStyle = colours["."];
+    g.lineWidth = size / 8;
+    cross(g, at, size * 0.2);
   }
 
   function paintDevice(g, device, left, [x, y], size, colour, colours) {
@@ -245,6 +291,15 @@ const Viewer = (() => {
     line(g, [[x - half, y - half], [x + half, y + half]]);
     line(g, [[x - half, y + half], [x + half, y - half]]);
   }
+  function disc(g, [x, y], radius, colour, rim) {
+    g.beginPath();
+    g.arc(x, y, radius, 0, 2 * Math.PI);
+    g.fillStyle = colour;
+    g.fill();
+    g.strokeStyle = rim;
+    g.lineWidth = radius / 5;
+    g.stroke();
+  }
   function diamond(g, [x, y], half, colour) {
     g.fillStyle = colour;
     g.beginPath();
@@ -252,20 +307,50 @@ const Viewer = (() => {
     g.fill();
   }
 
-  function legend(where) {
-    const colours = COLOURS[theme()], coverage = where.mission.kind === "coverage";
-    const shown = { "landing zone": colours.L, "no-fly zone": colours.N, building: colours["#"], UAV: colours.uav };
-    if (coverage) Object.assign(shown, { "to cover": colours.left, covered: colours.done, "camera's view": `${colours.uav}40` });
-    else Object.assign(shown, { "in no device's sight": colours.shade });
-    const told = Object.entries(shown).map(([name, colour]) => {
-      const box = document.createElement("span"), patch = document.createElement("i");
-      patch.style.background = colour;
-      box.append(patch, name);
-      return box;
+  // Every mark of the flights that are shown, drawn as it is on the map.
+  function legend() {
+    const colours = COLOURS[theme()], { mission, uavs } = panes[0].scenario, size = 32, middle = [size / 2, size / 2];
+    const colour = (name) => (g) => {
+      g.fillStyle = colours[name];
+      g.fillRect(0, 0, size, size);
+    };
+    const way = (g) => {
+      g.lineWidth = size / 6;
+      line(g, [[0, size / 2], [size, size / 2]]);
+    };
+    const stroke = (shape) => (g) => {
+      g.strokeStyle = colours.path;
+      g.lineWidth = size / 8;
+      shape(g);
+    };
+    const cell = (kind) => (g) => tile(g, kind, 0, 0, size, colours);
+    const marks = {
+      "landing zone": cell("L"), "no-fly zone": cell("N"), building: cell("#"),
+      [uavs > 1 ? "UAV, with its number" : "UAV"]: (g) => disc(g, middle, size * 0.42, colours.uav, colours["."]),
+      start: (g) => paintStart(g, middle, size * 0.8, colours), landed: (g) => paintEnd(g, middle, size * 0.8, colours),
+      crashed: (g) => paintCrash(g, middle, size * 0.9, colours), hover: stroke((g) => cross(g, middle, size * 0.3)),
+    };
+    if (mission.kind === "coverage") Object.assign(marks, {
+      path: stroke(way), "to cover": colour("left"), covered: colour("done"),
+      "to cover, in a no-fly zone": (g) => target(g, "left", "N", 0, 0, size, colours),
+      "to cover, in a landing zone": (g) => target(g, "left", "L", 0, 0, size, colours),
+      "camera's view": colour("view"),
     });
-    const more = document.createElement("span");
-    more.textContent = `◆ start and end  ✕ hover${coverage ? "" : "  ◔ device and the data it has left; the path has the colour of the device served most"}`;
-    find("legend").replaceChildren(...told, more);
+    else Object.assign(marks, {
+      "device, filled by the data it has left": (g) => paintDevice(g, { data: 3 }, 2, middle, size * 0.75, SERVED[0], colours),
+      "path, in the colour of the device served most": (g) => { g.strokeStyle = SERVED[0]; way(g); },
+      "the device being served": (g) => { g.strokeStyle = SERVED[0]; g.setLineDash([size / 4, size / 6]); way(g); },
+      "in no device's sight": colour("shade"),
+    });
+    find("legend").replaceChildren(...Object.entries(marks).map(([name, paintMark]) => {
+      const item = document.createElement("li"), icon = document.createElement("canvas");
+      icon.width = icon.height = size;
+      const g = icon.getContext("2d");
+      colour(".")(g);
+      paintMark(g);
+      item.append(icon, name);
+      return item;
+    }));
   }
 
   function key(event) {
@@ -286,6 +371,7 @@ const Viewer = (() => {
     const rows = [...find("board").tBodies[0].rows], row = rows.find((each) => each.dataset.name === opener);
     (row?.querySelector(".open") || find("search")).focus({ preventScroll: true });
     find("board").scrollIntoView({ block: "start" });
+    remember();
   }
 
   find("play").addEventListener("click", () => (timer ? pause() : play()));
@@ -305,5 +391,5 @@ const Viewer = (() => {
   for (const button of document.querySelectorAll("[data-pick]")) button.addEventListener("click", () => pick(button.dataset.pick));
   document.addEventListener("keydown", key);
 
-  return { open, repaint, replayAll };
+  return { open, close, remember, repaint, replayAll };
 })();
