@@ -17,7 +17,7 @@ from typing import Any, Literal
 from uavbench import resources
 from uavbench.errors import UavbenchError
 from uavbench.scenario import Scenario
-from uavbench.weights import WeightsError, check_trained, load_weights, trained_on
+from uavbench.weights import WeightsError, check_trained, is_transfer, load_weights, training_record
 
 Track = Literal["observation", "state"]
 TRACKS: tuple[Track, ...] = ("observation", "state")
@@ -46,11 +46,14 @@ class AgentSource:
         The class in it.
     weights : Path, optional
         What the class is given besides the scenario: a file that ``uavbench train`` wrote, or an ONNX model.
+    transfer : bool
+        Let weights fly on another map than they were trained on.
     """
 
     path: Path
     class_name: str = "Agent"
     weights: Path | None = None
+    transfer: bool = False
 
     @property
     def name(self) -> str:
@@ -88,8 +91,11 @@ class AgentSource:
         """The id of the scenario that the weights were trained on; where that is not known, the suite's first."""
         if self.weights is None:
             return FIRST_SCENARIO
-        found = self.load().trained_on(self.weights) if self.path == _ONNX else trained_on(self.weights)
-        return found or FIRST_SCENARIO
+        return str(training_record(self.weights).get("scenario", FIRST_SCENARIO))
+
+    def transferred(self, scenario: Scenario) -> bool:
+        """Return whether weights fly on another map than they were trained on."""
+        return self.transfer and self.weights is not None and is_transfer(training_record(self.weights), scenario)
 
     @property
     def track(self) -> Track:
@@ -173,12 +179,12 @@ class AgentSource:
         Raises
         ------
         WeightsError
-            When the weights are damaged, or were trained on another map or mission.
+            When the weights are damaged, or were trained for another mission, other observations, or, without
+            ``transfer``, another map.
         """
         if self.weights is None:
             return self.load()(scenario)
-        if self.weights.suffix == ".safetensors":
-            check_trained(self.weights, trained_on(self.weights), scenario)
+        check_trained(self.weights, training_record(self.weights), scenario, self.transfer)
         return self.load()(scenario, self.weights)
 
     def meant(self, error: Exception) -> bool:

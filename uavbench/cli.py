@@ -2,6 +2,7 @@
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -123,6 +124,9 @@ def evaluate(
         ),
     ] = None,
     weights: Annotated[Path | None, typer.Option(help="What your own agent's file is to fly with.")] = None,
+    transfer: Annotated[
+        bool, typer.Option("--transfer", help="Let weights fly on another map than they were trained on; the result says so.")
+    ] = False,
     split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
     episodes: Annotated[
         int | None, typer.Option(min=1, help="How many, from 0 on; by default all of the split, and 1000 of train.")
@@ -152,7 +156,7 @@ def evaluate(
 
     console = Console()
     try:
-        source = find_agent(agent, weights)
+        source = replace(find_agent(agent, weights), transfer=transfer)
         planned = jobs(source, scenario, split, episodes, decision_timeout, lambda reason: typer.echo(reason, err=True))
         for job, count in planned:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:

@@ -239,6 +239,7 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
         "agent": job.source.name,
         "agent_sha256": job.source.digest(job.scenario),
         "track": job.source.track,
+        **({"transfer": True} if job.source.transferred(job.scenario) else {}),
         "split": job.split,
         "episodes": episodes,
     }
