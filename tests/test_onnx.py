@@ -8,6 +8,7 @@ from uavbench import load_scenario
 from uavbench.agent import AgentLoadError, find_agent
 from uavbench.cli import app
 from uavbench.evaluate import AgentError, Job, evaluate
+from uavbench.onnx_file import OnnxFileError, has_external_data, metadata
 from uavbench.weights import save_weights
 
 torch = pytest.importorskip("torch", reason="exporting needs PyTorch: pip install 'uavbench[ddqn]'")
@@ -49,6 +50,8 @@ def test_a_model_says_on_what_it_was_trained(weights, tmp_path):
     model = tmp_path / "model.onnx"
     assert CliRunner().invoke(app, ["export", str(weights), str(model)]).exit_code == 0
     assert find_agent(str(model)).trained_on == CPP.id
+    said = {each.key.removeprefix("uavbench."): each.value for each in onnx.load(model).metadata_props}
+    assert said.items() >= {"mission": "coverage", "layers": "4", "local_size": "9", "global_scale": "3"}.items()
     with pytest.raises(AgentError, match="another mission than that of Block8-DH-v0"):
         fly(model, load_scenario("Block8-DH-v0"))
     told = CliRunner().invoke(app, ["export", str(model), str(tmp_path / "again.onnx")])
@@ -117,13 +120,63 @@ def test_values_that_are_no_numbers_are_refused(tmp_path):
         fly(model_of(tmp_path / "model.onnx", {"budget": (1,)}, factor=float("nan")))
 
 
-def test_a_model_in_several_files_is_refused(tmp_path):
-    """A digest of one of them would not tell which model it was."""
-    made = onnx.load(model_of(tmp_path / "model.onnx", {"budget": (1,)}, width=6))
-    onnx.save(made, tmp_path / "model.onnx", save_as_external_data=True, location="data.bin", size_threshold=0)
-    assert (tmp_path / "data.bin").exists()
-    with pytest.raises(AgentError, match=r"model\.onnx: not a model that ONNX Runtime takes"):
-        fly(tmp_path / "model.onnx")
+def in_branch(made):
+    """Put a model's nodes and weights into both branches of a condition."""
+    from onnx import TensorProto, helper, numpy_helper
+
+    graph, result = made.graph, [helper.make_tensor_value_info("chosen", TensorProto.FLOAT, ["batch", 6])]
+    body = helper.make_graph(list(graph.node), "body", [], list(graph.output), list(graph.initializer))
+    chosen = helper.make_node("If", ["always"], ["chosen"], then_branch=body, else_branch=body)
+    always = numpy_helper.from_array(np.array(True), "always")
+    outer = helper.make_graph([chosen], "outer", list(graph.input), result, [always])
+    return helper.make_model(outer, opset_imports=made.opset_import, ir_version=9)
+
+
+def as_constants(made):
+    """Turn a model's weights into nodes."""
+    from onnx import helper
+
+    nodes = [helper.make_node("Constant", [], [each.name], value=each) for each in made.graph.initializer]
+    graph = helper.make_graph([*nodes, *made.graph.node], "constants", list(made.graph.input), list(made.graph.output))
+    return helper.make_model(graph, opset_imports=made.opset_import, ir_version=9)
+
+
+@pytest.mark.parametrize("change", [lambda made: made, in_branch, as_constants])
+@pytest.mark.parametrize("beside", [True, False])
+def test_weights_in_other_files_are_refused_wherever_these_are(change, beside, tmp_path, monkeypatch):
+    """The digest is of the model's file alone, so weights beside it or in the current folder could be anybody's."""
+    made = change(onnx.load(model_of(tmp_path / "model.onnx", {"budget": (1,)})))
+    onnx.save(made, tmp_path / "model.onnx")
+    whole = fly(tmp_path / "model.onnx")
+    assert all((record.actions == 5).all() for record in whole.values())
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path if beside else tmp_path / "models"
+    folder.mkdir(exist_ok=True)
+    model = folder / "model.onnx"
+    onnx.save(made, model, save_as_external_data=True, location="data.bin", size_threshold=0, convert_attribute=True)
+    (folder / "data.bin").replace(tmp_path / "data.bin")
+    monkeypatch.setattr("onnxruntime.InferenceSession", lambda *_, **__: pytest.fail("a session was made"))
+    with pytest.raises(AgentError, match=r"model\.onnx: some of its weights are in other files.* save it as one file"):
+        fly(model)
+    told = CliRunner().invoke(app, ["evaluate", "--agent", str(model), "--scenario", CPP.id, "--episodes", "1"])
+    assert (told.exit_code, "Traceback" in told.output) == (1, False), told.output
+
+
+def test_what_a_model_says_of_itself_is_read_as_onnx_reads_it(tmp_path):
+    made = onnx.load(model_of(tmp_path / "model.onnx", {"budget": (1,)}))
+    for name, value in (("uavbench.scenario", "Mine-CPP-v0"), ("ä", "é" * 300), ("empty", "")):
+        made.metadata_props.add(key=name, value=value)
+    content = made.SerializeToString()
+    assert metadata(content) == {"uavbench.scenario": "Mine-CPP-v0", "ä": "é" * 300, "empty": ""}
+    assert not has_external_data(content)
+    for cut in range(1, len(content)):
+        try:
+            onnx.load_model_from_string(content[:cut])
+        except Exception:
+            with pytest.raises(OnnxFileError):
+                has_external_data(content[:cut])
+        else:
+            has_external_data(content[:cut])
 
 
 def test_files_that_are_no_models(tmp_path):
@@ -138,7 +191,7 @@ def test_export_says_what_it_cannot_do(weights, tmp_path):
     for words, reason in (
         (["greedy", str(tmp_path / "m.onnx")], "greedy has no network"),
         ([str(weights), str(tmp_path / "m.pt"), "--scenario", CPP.id], r"ends in .onnx"),
-        ([str(weights), str(tmp_path / "m.onnx"), "--scenario", "Manhattan32-CPP-v0"], "another map"),
+        ([str(weights), str(tmp_path / "m.onnx"), "--scenario", "Manhattan32-CPP-v0"], "have local_size 9, not 17"),
         ([str(weights), str(weights / "m.onnx")], "cannot write"),
     ):
         found = CliRunner().invoke(app, ["export", *words])

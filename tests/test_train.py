@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import uavbench_command
 from learning import CPP, DDQN, DH, SOURCE, TINY, spoilt, training, weights_of
 from typer.testing import CliRunner
 
+from uavbench import load_scenario
 from uavbench.agent import AgentLoadError, find_agent
 from uavbench.cli import app
 from uavbench.evaluate import Job, evaluate
+from uavbench.results import load_result
 from uavbench.train import Point, TrainError, Training, read_config, train
 from uavbench.weights import WeightsError, load_weights, save_weights
 
@@ -183,6 +186,50 @@ def test_weights_of_ones_own_are_refused_on_another_mission_too(tmp_path):
     find_agent(str(mine), weights).make(CPP)
     with pytest.raises(WeightsError, match="another mission than that of Block8-DH-v0"):
         find_agent(str(mine), weights).make(DH)
+
+
+def test_weights_of_ones_own_scenario_fly_where_they_fit(tmp_path):
+    """Scenarios that do not come with the suite are known by what the record says of them."""
+    mine = CPP.model_copy(update={"id": "Mine-CPP-v0"})
+    kept = train(training(replace(TINY, updates=2, validation=2), mine), tmp_path)
+    source = find_agent(str(kept))
+    source.make(mine)
+    source.make(mine.model_copy(update={"id": "Mine-CPP-v1", "budget": (5, 10)}))
+    rows = ("." + mine.rows[0][1:], *mine.rows[1:])
+    elsewhere = mine.model_copy(update={"id": "Mine-CPP-v2", "rows": rows})
+    refused = {
+        "another mission than that of Mine-DH-v0": DH.model_copy(update={"id": "Mine-DH-v0"}),
+        "observations have layers 4, not 6 as those of Mine-CPP-v0": mine.model_copy(update={"uavs": (1, 2)}),
+        "observations have local_size 9, not 7 as those": mine.with_observation(local_size=7),
+        "observations have global_scale 3, not 5 as those": mine.with_observation(global_scale=5),
+        "another map than that of Mine-CPP-v2.*--transfer": elsewhere,
+    }
+    for reason, scenario in refused.items():
+        with pytest.raises(WeightsError, match=f"trained on Mine-CPP-v0, .*{reason}"):
+            source.make(scenario)
+        if scenario is not elsewhere:
+            with pytest.raises(WeightsError, match=reason):
+                replace(source, transfer=True).make(scenario)
+    replace(source, transfer=True).make(elsewhere)
+    with pytest.raises(WeightsError, match="another map"):
+        train(replace(training(scenario=elsewhere), start=kept), tmp_path / "second")
+
+
+def test_shipped_weights_fly_another_map_on_purpose_only_and_the_result_says_so(tmp_path):
+    shipped = load_scenario("Manhattan32-CPP-v0")
+    text = shipped.path.read_text(encoding="utf-8").split("[splits")[0].replace(shipped.id, "Mine-CPP-v0")
+    (tmp_path / "mine.toml").write_text(text.replace(shipped.map, "mine.txt"))
+    (tmp_path / "mine.txt").write_text("\n".join([shipped.rows[0].replace(".", "N", 1), *shipped.rows[1:]]))
+    weights = SOURCE.path.parent / "weights" / "ddqn-Manhattan32-CPP-v0.safetensors"
+    words = ["evaluate", "--agent", weights, "--episodes", "2", "--out", tmp_path / "results", "--scenario"]
+    told = uavbench_command(*words, tmp_path / "mine.toml")
+    assert (told.exit_code, "another map than that of Mine-CPP-v0" in told.output) == (1, True), told.output
+    for scenario, said in ((tmp_path / "mine.toml", True), (shipped.id, None)):
+        told = uavbench_command(*words, scenario, "--transfer")
+        assert told.exit_code == 0, told.output
+        folder = tmp_path / "results" / load_scenario(str(scenario)).id / weights.stem
+        assert load_result(folder).summary.get("transfer") is said
+        assert uavbench_command("replay", folder).exit_code == 0
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from uavbench.agent_files import files_digest, import_agent
 from uavbench.errors import UavbenchError
 from uavbench.missions.registry import SHIPPED
 from uavbench.scenario import Scenario
-from uavbench.weights import WeightsError, check_trained, load_weights, trained_on
+from uavbench.weights import WeightsError, check_trained, is_transfer, load_weights, training_record
 
 Track = Literal["observation", "state"]
 TRACKS: tuple[Track, ...] = ("observation", "state")
@@ -55,6 +55,8 @@ class AgentSource:
         The name under which the file is imported, ``package.module``; without it the file is a module of its own.
     given_name : str, optional
         What results are filed under, when it is not the name of a file.
+    transfer : bool
+        Let weights fly on another map than they were trained on.
     """
 
     path: Path
@@ -62,6 +64,7 @@ class AgentSource:
     weights: Path | None = None
     module_name: str | None = None
     given_name: str | None = None
+    transfer: bool = False
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave out what is cached when it is sent to another process, which loads the agent's file itself."""
@@ -111,8 +114,11 @@ class AgentSource:
         """The id of the scenario that the weights were trained on; where that is not known, the suite's first."""
         if self.weights is None:
             return FIRST_SCENARIO
-        found = self.load().trained_on(self.weights) if self.path == _ONNX else trained_on(self.weights)
-        return found or FIRST_SCENARIO
+        return str(training_record(self.weights).get("scenario", FIRST_SCENARIO))
+
+    def transferred(self, scenario: Scenario) -> bool:
+        """Return whether weights fly on another map than they were trained on."""
+        return self.transfer and self.weights is not None and is_transfer(training_record(self.weights), scenario)
 
     @property
     def track(self) -> Track:
@@ -204,7 +210,8 @@ class AgentSource:
         Raises
         ------
         WeightsError
-            When the weights are damaged, or were trained on another map or mission.
+            When the weights are damaged, or were trained for another mission, other observations, or, without
+            ``transfer``, another map.
         AgentLoadError
             When it is a built-in that plans by the rules of the shipped missions, and the scenario has another.
         """
@@ -213,8 +220,7 @@ class AgentSource:
             raise AgentLoadError(f"{self.path.stem} flies {known}, not {scenario.mission.kind} ({scenario.id})")
         if self.weights is None:
             return self.load()(scenario)
-        if self.weights.suffix == ".safetensors":
-            check_trained(self.weights, trained_on(self.weights), scenario)
+        check_trained(self.weights, training_record(self.weights), scenario, self.transfer)
         return self.load()(scenario, self.weights)
 
     def meant(self, error: Exception) -> bool:

@@ -2,6 +2,7 @@
 
 import io
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -127,6 +128,9 @@ def evaluate(
     ] = None,
     weights: Annotated[Path | None, typer.Option(help="What your own agent's file is to fly with.")] = None,
     name: Annotated[str | None, typer.Option(help="What the results are filed under; by default the file's name.")] = None,
+    transfer: Annotated[
+        bool, typer.Option("--transfer", help="Let weights fly on another map than they were trained on; the result says so.")
+    ] = False,
     split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
     episodes: Annotated[
         int | None, typer.Option(min=1, help="How many, from 0 on; by default all of the split, and 1000 of train.")
@@ -159,7 +163,8 @@ def evaluate(
 
     console, start, status = Console(), Path.cwd(), 0
     try:
-        planned = jobs(find_agent(agent, weights, name), scenario, split, episodes, decision_timeout)
+        source = replace(find_agent(agent, weights, name), transfer=transfer)
+        planned = jobs(source, scenario, split, episodes, decision_timeout)
     except UavbenchError as error:
         raise fail(error) from None
     out = start / out  # whatever an agent does to the current folder

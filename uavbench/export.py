@@ -10,8 +10,8 @@ from uavbench.agent import AgentSource
 from uavbench.errors import UavbenchError
 from uavbench.files import write_whole
 from uavbench.observation import Observer
-from uavbench.onnx_agent import TRAINED_ON
 from uavbench.scenario import Scenario
+from uavbench.weights import METADATA, training_facts
 
 
 class ExportError(UavbenchError, ValueError):
@@ -73,5 +73,6 @@ def export(source: AgentSource, scenario: Scenario, path: Path) -> None:
             verbose=False,
         )
     model = program.model_proto
-    model.metadata_props.add(key=TRAINED_ON, value=scenario.id)
+    for name, value in training_facts(scenario).items():
+        model.metadata_props.add(key=METADATA + name, value=str(value))
     write_whole(path, model.SerializeToString())

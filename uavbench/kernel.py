@@ -63,10 +63,10 @@ def compilations_told(begin: Callable[[], None], end: Callable[[], None]) -> Gen
     base: Any = event.Listener
 
     class Listener(base):
-        def on_start(self, event: object) -> None:
+        def on_start(self, event: object) -> None:  # noqa: ARG002  # Numba passes it
             begin()
 
-        def on_end(self, event: object) -> None:
+        def on_end(self, event: object) -> None:  # noqa: ARG002
             end()
 
     with event.install_listener("numba:compiler_lock", Listener()):

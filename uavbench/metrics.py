@@ -13,12 +13,20 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.scenario import Scenario
+
 #: The metrics of an episode (the paper's Table III).
 METRICS = ("landed", "cr", "cral")
 CONFIDENCE = 0.95
 _RESAMPLES = 10_000
-_ROUNDING = 1e-6  # in CRAL: what a replay in DH lets through
+#: Scores that differ by at most this count as equal: two platforms' logarithms differ in their last digits.
+ROUNDING = 1e-6
 _CHUNK = 500_000  # values resampled at once
+
+
+def tolerance(scenario: Scenario) -> float:
+    """Return by how much two scores of a scenario may differ and still count as equal: 0 where its mission is exact."""
+    return 0.0 if scenario.mission.exact else ROUNDING
 
 
 @dataclass(frozen=True)
@@ -196,4 +204,4 @@ def compare(first: NDArray[np.float64], second: NDArray[np.float64]) -> Comparis
 
 def _beyond_rounding(differences: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return differences, with 0 for those that a replay on another platform may make."""
-    return np.where(np.abs(differences) <= _ROUNDING, 0.0, differences)
+    return np.where(np.abs(differences) <= ROUNDING, 0.0, differences)

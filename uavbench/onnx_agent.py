@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from uavbench.city import NUM_ACTIONS
 from uavbench.observation import Observation, Observer
+from uavbench.onnx_file import has_external_data
 from uavbench.scenario import Scenario
-from uavbench.weights import check_trained
-
-#: The key under which a model says on what it was trained.
-TRAINED_ON = "uavbench.scenario"
+from uavbench.weights import WeightsError
 
 
 class Agent:
@@ -33,6 +31,8 @@ class Agent:
     ------
     ImportError
         When ONNX Runtime is missing.
+    WeightsError
+        When weights of the model are in other files.
     ValueError
         When the file is no model, or its inputs or output are not those above.
     """
@@ -41,7 +41,6 @@ class Agent:
 
     def __init__(self, scenario: Scenario, weights: Path) -> None:
         self._session = _session(weights)
-        check_trained(weights, self._session.get_modelmeta().custom_metadata_map.get(TRAINED_ON), scenario)
         shown = Observer(scenario).empty(1)
         self._inputs: list[str] = []
         self._file, single = weights, False
@@ -67,14 +66,6 @@ class Agent:
         if values.shape != (1, NUM_ACTIONS):
             raise ValueError(f"{weights}: its output has shape {values.shape} for one observation, expected (1, {NUM_ACTIONS})")
 
-    @staticmethod
-    def trained_on(model: Path) -> str | None:
-        """Return the id of the scenario that a model was trained on, where it says so and can be read."""
-        try:
-            return _session(model).get_modelmeta().custom_metadata_map.get(TRAINED_ON)
-        except (ImportError, ValueError):  # which making the agent tells
-            return None
-
     def act_batch(self, observations: Observation, infos: list[dict[str, Any]]) -> NDArray[np.int64]:
         """Return the actions with the highest values."""
         size = self._size or len(infos)
@@ -99,7 +90,15 @@ def _session(model: Path) -> Any:
     except ImportError as error:
         raise ImportError(f"{model}: needs ONNX Runtime: pip install 'uavbench[onnx]'") from error
     try:
-        # from its bytes: a model whose weights are in other files is refused, since a digest would not cover them
-        return runtime.InferenceSession(model.read_bytes(), providers=["CPUExecutionProvider"])
+        content = model.read_bytes()
+        external = has_external_data(content)
+        # From its bytes, which are those that were looked at.
+        session = None if external else runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
         raise ValueError(f"{model}: not a model that ONNX Runtime takes: {error}") from None
+    if external:
+        raise WeightsError(
+            f"{model}: some of its weights are in other files, which its digest does not cover: "
+            f"save it as one file: onnx.save(onnx.load({model.name!r}), 'whole.onnx')"
+        )
+    return session

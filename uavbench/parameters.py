@@ -194,7 +194,7 @@ class Coverage(MissionParameters):
         """What the targets are, in a few words."""
         return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of cells"
 
-    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":
+    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":  # noqa: ARG002  # other missions need it
         """Return the mission, whose only array is the target map."""
         from uavbench.missions.coverage import CoverageMission
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.files import write_whole
-from uavbench.metrics import Interval, mean_interval
+from uavbench.metrics import Interval, mean_interval, tolerance
 from uavbench.replay import replay
 from uavbench.results import Result, ResultError
 from uavbench.scenario import Scenario
@@ -167,7 +167,7 @@ def improved(known: Reference, scenario: Scenario, results: Iterable[Result]) ->
         table = result.episodes()
         for number, cral in zip(table["episode"].tolist(), table["cral"].tolist(), strict=True):
             old = known.get(number, Known(number))
-            if not cral <= old.best_known:
+            if not cral <= old.best_known + tolerance(scenario):  # so that any is better than NaN
                 known[number] = _proved(replace(old, best_known=cral, agent=result.summary["agent"]), scenario)
     return known
 
@@ -209,7 +209,7 @@ def gaps_of(scenario: Scenario, table: Any) -> Gaps | None:
         bounded=int((~np.isnan(bound)).sum()),
         compared=int((~np.isnan(best)).sum()),
         optimal=int((bound <= 0.0).sum()) if scenario.mission.exact else 0,
-        better=int((best < 0.0).sum()),
+        better=int((best < -tolerance(scenario)).sum()),
     )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.episode import check_split, split_size
 from uavbench.evaluate import NO_ACTION, EpisodeRecord
-from uavbench.metrics import METRICS, Comparison, compare
+from uavbench.metrics import METRICS, ROUNDING, Comparison, compare, tolerance
 from uavbench.results import COLUMNS, Result, ResultError, metrics_of
 from uavbench.scenario import Scenario, ScenarioError, SplitName, load_scenario
 from uavbench.simulator import Simulator
@@ -55,7 +55,7 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     wrong: list[str] = []
     flown: list[EpisodeRecord] = []
     # CPP is exact on any machine; DH but for the last digits of a platform's logarithm.
-    tolerance = 0.0 if scenario.mission.exact else 1e-6
+    allowed = tolerance(scenario)
     for number, row in zip(expected, table[list(COLUMNS)].to_dict("records"), strict=True):
         record = fly_recorded(scenario, split, number, actions[number])
         if record is None:
@@ -64,7 +64,7 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
         flown.append(record)
         for column, field in COLUMNS.items():
             value = float(getattr(record, field))
-            if not abs(value - float(row[column])) <= tolerance:  # so that NaN differs
+            if not abs(value - float(row[column])) <= allowed:  # so that NaN differs
                 wrong.append(f"episode {number}: {column} is {value:g}, episodes.csv says {row[column]}")
     if wrong:
         return flown, wrong
@@ -74,7 +74,7 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     for name, interval in metrics_of(flown).items():
         for part, value in asdict(interval).items():
             said = getattr(result.metrics[name], part)
-            if not abs(value - said) <= max(tolerance, 1e-9):
+            if not abs(value - said) <= ROUNDING:
                 wrong.append(f"summary.json: metrics.{name}.{part} is {value:g}, it says {said}")
     return flown, wrong
 

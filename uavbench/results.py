@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from uavbench.errors import UavbenchError
 from uavbench.evaluate import EpisodeRecord, Job
 from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together
-from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
+from uavbench.metrics import CONFIDENCE, METRICS, ROUNDING, Interval, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
 
@@ -108,11 +108,11 @@ class Result:
         if table["episode"].tolist() != list(range(self.summary["episodes"])):
             raise ResultError(f"{path}: does not hold the {self.summary['episodes']} episodes, each once and in order")
         for name, said in self.metrics.items():
-            strange = table.loc[~table[name].between(0, 1 + 1e-9), ["episode", name]]
+            strange = table.loc[~table[name].between(0, 1 + ROUNDING), ["episode", name]]
             if len(strange):
                 number, value = strange.iloc[0]
                 raise ResultError(f"{path}: episode {number:.0f}: {name} is {value:g}, which is not in [0, 1]")
-            if not abs(table[name].mean() - said.mean) <= 1e-6:
+            if not abs(table[name].mean() - said.mean) <= ROUNDING:
                 where = self.folder / "summary.json"
                 raise ResultError(f"{where}: metrics.{name}: mean is {said.mean:g}, in episodes.csv {table[name].mean():g}")
         return table
@@ -241,6 +241,7 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
         "agent_sha256": job.source.digest(job.scenario),
         **({"agent_file": str(job.source.file)} if job.source.file else {}),
         "track": job.source.track,
+        **({"transfer": True} if job.source.transferred(job.scenario) else {}),
         "split": job.split,
         "episodes": episodes,
     }

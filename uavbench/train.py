@@ -27,7 +27,7 @@ from uavbench.interrupt import interrupt_waits
 from uavbench.memory import keep_freed
 from uavbench.metrics import METRICS
 from uavbench.scenario import Scenario
-from uavbench.weights import WeightsError, load_weights, save_weights
+from uavbench.weights import WeightsError, check_trained, load_weights, save_weights, training_facts, training_record
 
 _CHECKPOINT_SECONDS = 180.0
 _PLOT_UPDATES = 100
@@ -101,6 +101,7 @@ class Training:
         curve_values = [asdict(point) for point in curve]
         return {
             **self.identity,
+            **training_facts(self.scenario),
             "built_in": self.source.built_in,
             "agent_sha256": self.source.sha256,  # which may change while a training rests
             "curve": curve_values,
@@ -223,6 +224,7 @@ def train(
     if training.start is not None:
         if not hasattr(learner, "start_from"):
             raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
+        check_trained(training.start, training_record(training.start), training.scenario)
         learner.start_from(training.start)
     _ = training.identity  # which is looked up now, whatever becomes of the files later
     points, spent = _begin(training, learner, checkpoint, resume)

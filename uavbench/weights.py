@@ -1,5 +1,6 @@
 """Weights of learned agents: safetensors files (arrays and a record of the training as JSON, no pickles)."""
 
+import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,10 +11,14 @@ from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError
 from uavbench.files import write_whole
+from uavbench.onnx_file import OnnxFileError, metadata
 from uavbench.resources import scenario_paths, shipped_weights
 from uavbench.scenario import Scenario, load_scenario
 
 _RECORD = "uavbench"  # the key of the record among a file's metadata
+#: What the names of a model's metadata begin with that are of its training.
+METADATA = "uavbench."
+_MAP = "map_sha256"
 
 
 class WeightsError(UavbenchError, ValueError):
@@ -69,46 +74,95 @@ def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
     Raises
     ------
     WeightsError
-        As `load_weights`, or when they were trained on another map or mission.
+        As `load_weights`, or when they were trained for another mission or other observations. Whether they may fly on
+        another map is not checked here: the user says so by ``--transfer``.
     """
     arrays, record = load_weights(path)
-    check_trained(path, record.get("scenario"), scenario)
+    check_trained(path, record, scenario, transfer=True)
     return arrays
 
 
-def trained_on(path: Path) -> str | None:
-    """Return the id of the scenario that weights were trained on; None where that is not known."""
+def training_facts(scenario: Scenario) -> dict[str, Any]:
+    """Return what a record says of the scenario that weights are trained on: its id, and what decides where they may fly."""
+    from uavbench.observation import LAYERS, TEAM_LAYERS  # which compiles: who only looks for an agent need not wait
+
+    return {
+        "scenario": scenario.id,
+        "mission": scenario.mission.kind,
+        "layers": len(TEAM_LAYERS if scenario.team else LAYERS),
+        **scenario.observation.model_dump(),
+        _MAP: hashlib.sha256("\n".join(scenario.rows).encode()).hexdigest(),
+    }
+
+
+def training_record(path: Path) -> dict[str, Any]:
+    """Return what weights or an ONNX model say of their training; nothing where they do not, or cannot be read.
+
+    Who loads them says why they cannot be read.
+    """
+    if path.suffix == ".onnx":
+        try:
+            found = metadata(path.read_bytes())
+        except (OSError, OnnxFileError):
+            return {}
+        return {name.removeprefix(METADATA): value for name, value in found.items() if name.startswith(METADATA)}
     try:
         from safetensors import SafetensorError, safe_open
-    except ModuleNotFoundError:  # the extra is missing: who loads them says so, if they are to be loaded
-        return None
+    except ModuleNotFoundError:
+        return {}
     try:
         opened: Any = safe_open(path, framework="numpy")
         with opened as file:
             about: dict[str, str] = file.metadata() or {}
-            return str(json.loads(about[_RECORD])["scenario"])
-    except (KeyError, OSError, TypeError, ValueError, SafetensorError):  # what is read of them later says why
-        return None
+            return dict(json.loads(about[_RECORD]))
+    except (KeyError, OSError, TypeError, ValueError, RecursionError, SafetensorError):
+        return {}
 
 
-def check_trained(path: Path, trained: str | None, scenario: Scenario) -> None:
-    """Refuse weights that were trained on another map or mission.
+def check_trained(path: Path, record: Mapping[str, Any], scenario: Scenario, transfer: bool = False) -> None:
+    """Refuse weights that were trained for another mission, other observations, or another map.
+
+    Parameters
+    ----------
+    path : Path
+        Their file.
+    record : mapping
+        What they say of their training. What it does not say is not checked: arrays may come from anywhere.
+    scenario : Scenario
+        Where they are to fly.
+    transfer : bool
+        Let them fly on another map.
 
     Raises
     ------
     WeightsError
-        Then.
+        When they are refused.
     """
-    if trained is not None and trained != scenario.id and trained in scenario_paths():
-        other = load_scenario(trained)
-        for what, one, two in (
-            ("map", other.rows, scenario.rows),
-            ("mission", other.mission.kind, scenario.mission.kind),
-        ):
-            if one != two:
-                raise WeightsError(
-                    f"{path}: trained on {trained}, another {what} than that of {scenario.id}: --scenario {trained}"
-                )
+    trained = record.get("scenario")
+    for name, found, here in _differences(record, scenario):
+        if name == "mission":
+            reason = f"another mission than that of {scenario.id}"
+        elif name != _MAP:
+            reason = f"whose observations have {name} {found}, not {here} as those of {scenario.id}"
+        elif not transfer:
+            reason = f"another map than that of {scenario.id}; to fly them there all the same: --transfer"
+        else:
+            continue
+        raise WeightsError(f"{path}: trained on {trained}, {reason}")
+
+
+def is_transfer(record: Mapping[str, Any], scenario: Scenario) -> bool:
+    """Return whether weights with this record were trained on another map than a scenario's."""
+    return any(name == _MAP for name, _, _ in _differences(record, scenario))
+
+
+def _differences(record: Mapping[str, Any], scenario: Scenario) -> list[tuple[str, str, str]]:
+    """Return what a record says otherwise than a scenario: its name, what the record says, and the scenario."""
+    known, trained = dict(record), record.get("scenario")
+    if _MAP not in record and trained in list(scenario_paths()):  # written before records had more than the id
+        known.update(training_facts(load_scenario(str(trained))))
+    facts = {name: value for name, value in training_facts(scenario).items() if name != "scenario"}
+    return [(name, str(known[name]), str(here)) for name, here in facts.items() if str(known.get(name, here)) != str(here)]
 
 
 def weights_path(agent: str, scenario: Scenario) -> Path:

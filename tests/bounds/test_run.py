@@ -5,10 +5,11 @@ from typer.testing import CliRunner
 
 from uavbench import ScenarioError, load_scenario
 from uavbench.agent import find_agent
+from uavbench.bounds import harvesting
 from uavbench.bounds import run as bounding
 from uavbench.cli import app
 from uavbench.evaluate import Job
-from uavbench.reference import load_reference
+from uavbench.reference import Known, load_reference, save_reference
 from uavbench.results import ResultError
 from uavbench.run import run
 
@@ -38,6 +39,18 @@ def test_bounds_are_kept_and_not_computed_twice(scenario, tmp_path):
     assert starts[2] == sum(not again[k].proved_optimal for k in range(4))
     if scenario is CPP:
         assert all(known[k].upper_bound >= known[k].best_known for k in range(3))
+
+
+def test_below_data_that_were_all_collected_no_bound_is_sought(tmp_path, monkeypatch):
+    """The bound of all data is the best known score there, and no lower bound could make it more certain."""
+    sought = []
+    monkeypatch.setattr(harvesting, "_descend", lambda problem, *rest: sought.append(problem) or (float("inf"), 0))
+    save_reference(tmp_path / f"{DH.id}.csv", DH, {k: Known(k, best_known=1.0 - k * 1e-7, agent="planner") for k in (0, 1)})
+    known = bound(DH, 2, tmp_path)
+    assert not sought
+    assert [(known[k].upper_bound, known[k].method) for k in (0, 1)] == [(1.0, "data")] * 2
+    bound(DH, 3, tmp_path)
+    assert len(sought) == 1
 
 
 def test_what_was_done_before_an_interruption_is_there(tmp_path):

@@ -40,7 +40,7 @@ def fly(env, seed, steps=80):
 
 @pytest.mark.parametrize("arguments", [{}, {"num_uavs": 3}, {"num_uavs": 3, "flat": True}])
 @pytest.mark.parametrize("name", IDS)
-def test_passes_pettingzoos_tests_without_a_warning(name, arguments, capsys):
+def test_passes_pettingzoos_tests_without_a_warning(name, arguments):
     def make(**more):
         return uavbench.parallel_env(name, **arguments, **more)
 

@@ -48,9 +48,20 @@ def test_a_submission_says_who_and_how_and_is_reproduced(submissions, result):
     manifest = submission.manifest
     assert manifest.authors == ("A. Author", "B. Author")
     assert manifest.hardware == "a machine"
-    assert manifest.result.model_dump() == result.summary
+    assert manifest.result.model_dump(exclude_none=True) == result.summary
     for name in ("episodes.csv", "actions.npz"):
         assert (submission.folder / name).read_bytes() == (result.folder / name).read_bytes()
+
+
+def test_that_weights_flew_on_another_map_is_kept_and_nothing_else_than_true(result, tmp_path):
+    for said in (True, False, 1):
+        again = Result(result.folder, {**result.summary, "transfer": said})
+        if said is True:
+            (folder,) = submit([again], tmp_path / "s", name="mine", authors=["A"])
+            assert load_submission(folder).result.summary["transfer"] is True
+        else:
+            with pytest.raises(SubmissionError, match=r"result\.transfer"):
+                submit([again], tmp_path / "s", name="mine", authors=["A"])
 
 
 def test_it_is_filed_under_its_name_and_replaces_an_older_one(result, tmp_path):

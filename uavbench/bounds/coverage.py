@@ -284,6 +284,7 @@ class _Program:
         apart = np.where(groups, 0, terminal).astype(np.int32)[:, None].view(np.uint8)
         sets = np.concatenate([np.packbits(inside, axis=1), apart], axis=1)
         _, kept, row = np.unique(sets, axis=0, return_index=True, return_inverse=True)
+        row = row.reshape(-1)  # NumPy 2.0 returns it with as many dimensions as ``sets``
         count, order = len(kept), np.argsort(row, kind="stable")
         weight = np.where(groups, self._value[terminal], 1.0)
         share = weight / np.bincount(row, weight)[row]

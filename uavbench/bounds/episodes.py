@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from uavbench.bounds.coverage import coverage_bound
 from uavbench.bounds.harvesting import harvesting_bound
+from uavbench.metrics import tolerance
 from uavbench.planning import coverage
 from uavbench.reference import SPLIT, Known, Reference
 from uavbench.replay import fly_recorded
@@ -90,7 +91,9 @@ def _bound(scenario: Scenario, number: int, best: float, actions: NDArray[np.uin
     start, budget = _cell(state.position), int(state.budget[0, 0])
     if scenario.mission.kind == "harvesting":
         view = simulator.mission.view(0)
-        collected = harvesting_bound(scenario, start, budget, view["device_cell"], view["device_data"], seconds=seconds)
+        cells, data = view["device_cell"], view["device_data"]
+        planned = float(data.sum()) if best >= 1.0 - tolerance(scenario) else 0.0
+        collected = harvesting_bound(scenario, start, budget, cells, data, planned, seconds=seconds)
         return EpisodeBound(number, collected.cr, collected.method)
     plan: list[Cell] = []
     if actions is None:

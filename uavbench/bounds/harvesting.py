@@ -104,12 +104,13 @@ def harvesting_bound(
     data = np.asarray(data, dtype=np.float64)
     total = float(data.sum())
     value, method, used = total, "data", 0
+    if planned >= total:
+        return Bound(value, 1.0, method, used)
     problem = _Problem(scenario, start, budget, np.asarray(devices, dtype=np.int32), data)
-    if planned < value:
-        problem.look_at(np.ones(problem.rings.shape[:2]))
-        unlimited = problem.bound()
-        if unlimited < value:
-            value, method = unlimited, "rates"
+    problem.look_at(np.ones(problem.rings.shape[:2]))
+    unlimited = problem.bound()
+    if unlimited < value:
+        value, method = unlimited, "rates"
     if planned < value:
         best, used = _descend(problem, planned, rounds, deadline)
         if best < value:

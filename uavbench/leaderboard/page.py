@@ -17,7 +17,7 @@ from uavbench.episode import frozen_columns
 from uavbench.keyed import QUANTILE
 from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.ranking import Entry, Row
-from uavbench.metrics import Interval
+from uavbench.metrics import ROUNDING, Interval
 from uavbench.scenario import Scenario
 
 _ELSEWHERE = (1000, 500, 200, 100)  # flights to watch on scenarios other than the paper's: the most that the page has room for
@@ -102,7 +102,7 @@ def _flights(entry: Entry, elsewhere: int) -> dict[str, Any]:
     """Return the actions of an entry's episodes, and which of them has the lowest, the median and the highest CRAL."""
     count = _shown(entry.submission.scenario, elsewhere)
     actions = [record.actions for record in entry.flown[:count]]
-    order = np.argsort(np.round(entry.values("cral")[:count], 6), kind="stable")
+    order = np.argsort(np.round(entry.values("cral")[:count] / ROUNDING), kind="stable")
     return {
         "lengths": _packed(np.array([len(each) for each in actions], dtype=np.uint16)),
         "actions": _packed(np.concatenate(actions)),

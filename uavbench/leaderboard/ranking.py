@@ -14,7 +14,15 @@ from uavbench.evaluate import EpisodeRecord
 from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
 from uavbench.leaderboard.reruns import Rerun, actions_digest
 from uavbench.leaderboard.submission import Submission
-from uavbench.metrics import Interval, interquartile_mean, mean_interval, paired_p_value, proportion_interval, significant
+from uavbench.metrics import (
+    ROUNDING,
+    Interval,
+    interquartile_mean,
+    mean_interval,
+    paired_p_value,
+    proportion_interval,
+    significant,
+)
 from uavbench.reference import gaps_of
 from uavbench.results import table_of
 
@@ -123,7 +131,7 @@ def rank(entries: Iterable[Entry]) -> list[Row]:
         parts = PAPER_SCENARIOS if scenario == OVERALL else (scenario,)
         for track in TRACKS:
             groups = _complete(found, parts, track)
-            ordered = sorted(groups, key=lambda group: -float(_together(group, "cral").mean()))
+            ordered = sorted(groups, key=lambda group: -round(_together(group, "cral").mean() / ROUNDING))
             rows += [_row(scenario, number, group) for number, group in zip(_ranks(ordered), ordered, strict=True)]
         if scenario in (OVERALL, *TABLE_3):
             rows.append(_published(scenario, parts))

@@ -126,6 +126,7 @@ def fly_again(
         When it is another agent than the submission says, takes another action, or the submission does not hold.
     """
     said = submission.manifest.result
+    source = replace(source, transfer=bool(said.transfer))  # as it flew
     for field, found in {"track": source.track, "agent_sha256": source.digest(submission.scenario)}.items():
         if getattr(said, field) != found:
             hint = ": another file, or without the --weights it flew with" if field == "agent_sha256" else ""

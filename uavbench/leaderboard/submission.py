@@ -68,6 +68,7 @@ class Summary(Record):
     agent: _Line
     agent_sha256: _Digest
     track: Track
+    transfer: Literal[True] | None = None
     split: _Line
     episodes: _Count
     metrics: dict[Literal["landed", "cr", "cral"], Scores]
@@ -150,7 +151,7 @@ def load_submission(folder: Path) -> Submission:
     try:
         _check_files(folder)
         manifest = Manifest.model_validate(tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8")))
-        result = checked_result(folder, manifest.result.model_dump())
+        result = checked_result(folder, manifest.result.model_dump(exclude_none=True))
         scenario = load_scenario(shipped(result.summary))
     except ValidationError as error:
         raise SubmissionError(f"{label}: {MANIFEST}: {first_error(error)}") from None

@@ -125,7 +125,7 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
         raise SubmissionError(f"{result.folder}: two results on {folder.name}: a submission has one a scenario") from None
     for file in ("episodes.csv", "actions.npz"):
         shutil.copyfile(result.folder / file, folder / file)
-    (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json")), encoding="utf-8")
+    (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
     return folder
 
 

@@ -1,0 +1,90 @@
+"""What an ONNX file says of itself, read without a library and before anything of it is run.
+
+An ONNX file is a message of Protocol Buffers: a sequence of fields, each with a number and a value, some of which are messages
+themselves (https://protobuf.dev/programming-guides/encoding; the numbers are those of onnx.proto3).
+"""
+
+from collections.abc import Iterator
+
+from uavbench.errors import UavbenchError
+
+#: Which fields of a message are messages that may hold tensors, and of which kind.
+_PARTS = {
+    "model": {7: "graph", 20: "training", 25: "function"},
+    "training": {1: "graph", 2: "graph"},
+    "function": {7: "node", 11: "attribute"},
+    "graph": {1: "node", 5: "tensor", 15: "sparse"},
+    "node": {5: "attribute"},
+    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph", 22: "sparse", 23: "sparse"},
+    "sparse": {1: "tensor", 2: "tensor"},
+    "tensor": {},
+}
+_METADATA = 14  # of a model
+_ELSEWHERE = (13, 14)  # of a tensor: the place of its data in another file, and whether they are there
+_FIXED = {1: 8, 5: 4}  # bytes, by the type of a field
+
+
+class OnnxFileError(UavbenchError, ValueError):
+    """Bytes that are no ONNX model."""
+
+
+def has_external_data(content: bytes) -> bool:
+    """Return whether a model takes weights from other files.
+
+    Raises
+    ------
+    OnnxFileError
+        When ``content`` is no ONNX model.
+    """
+    todo = [("model", memoryview(content))]
+    while todo:
+        kind, message = todo.pop()
+        for number, value in _fields(message):
+            if kind == "tensor" and number in _ELSEWHERE and value:
+                return True
+            if isinstance(value, memoryview) and number in _PARTS[kind]:
+                todo.append((_PARTS[kind][number], value))
+    return False
+
+
+def metadata(content: bytes) -> dict[str, str]:
+    """Return what a model says of itself, by name.
+
+    Raises
+    ------
+    OnnxFileError
+        When ``content`` is no ONNX model.
+    """
+    entries = [value for number, value in _fields(memoryview(content)) if number == _METADATA and isinstance(value, memoryview)]
+    parts = [{number: bytes(value) for number, value in _fields(entry) if isinstance(value, memoryview)} for entry in entries]
+    return {part.get(1, b"").decode(errors="replace"): part.get(2, b"").decode(errors="replace") for part in parts}
+
+
+def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
+    """Return the numbers and values of a message's fields: an integer or bytes; 0 for values of a fixed size."""
+    at, value = 0, 0
+    while at < len(message):
+        key, at = _varint(message, at)
+        number, kind = key >> 3, key & 7
+        if kind == 0:
+            value, at = _varint(message, at)
+        elif kind == 2:
+            size, at = _varint(message, at)
+            value, at = message[at : at + size], at + size
+        elif kind in _FIXED:
+            value, at = 0, at + _FIXED[kind]
+        else:
+            raise OnnxFileError("it is no ONNX model")
+        if number == 0 or at > len(message):
+            raise OnnxFileError("it is no ONNX model, or is cut short")
+        yield number, value
+
+
+def _varint(message: memoryview, at: int) -> tuple[int, int]:
+    """Return the integer that begins at ``at``, and where it ends: seven bits a byte, the lowest first."""
+    value = 0
+    for k, byte in enumerate(message[at : at + 10]):
+        value |= (byte & 127) << 7 * k
+        if byte < 128:
+            return value, at + k + 1
+    raise OnnxFileError("it is no ONNX model, or is cut short")
