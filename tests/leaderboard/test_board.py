@@ -15,10 +15,13 @@ import tomli_w
 from commands import uavbench_command as uavbench
 
 from uavbench.agent import find_agent
-from uavbench.leaderboard.board import _of_one_hand, build, submission_folders, verify
+from uavbench.leaderboard.board import build, submission_folders, verify
+from uavbench.leaderboard.owners import with_new_names
 from uavbench.leaderboard.reruns import load_reruns
 from uavbench.leaderboard.submission import SubmissionError, load_submission
+from uavbench.leaderboard.submit import submit
 
+NAMES = ("Block8-CPP-v0", "Block8-DH-v0")
 OF_WEIGHTS = """
 from pathlib import Path
 class Agent:
@@ -33,6 +36,12 @@ def rows(folder):
     return list(csv.DictReader(io.StringIO((folder / "leaderboard.csv").read_text(encoding="utf-8"))))
 
 
+def rewrite(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
 def spoil(folder):
     (folder / "actions.npz").write_bytes(b"junk")
 
@@ -40,7 +49,7 @@ def spoil(folder):
 def test_a_board_is_built_beside_the_submissions_and_again_to_the_same_bytes(submissions):
     board = build(submissions, workers=2)
     folder = submissions.parent
-    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "leaderboard.csv", "submissions"]
+    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "leaderboard.csv", "owners.toml", "submissions"]
     assert board.refused == []
     found = {(row["scenario"], row["name"]): row for row in rows(folder)}
     for scenario in ("Block8-CPP-v0", "Block8-DH-v0"):
@@ -160,22 +169,57 @@ def test_numbers_are_those_of_the_replay(submissions):
 
 @pytest.mark.parametrize(("old", "new"), [('"A. Author"', '"M. Allory"'), ('link = ""', 'link = "https://example.org"')])
 def test_what_is_filed_together_is_of_one_hand(submissions, old, new):
-    manifest = submissions / "random" / "Block8-DH-v0" / "manifest.toml"
-    text = manifest.read_text(encoding="utf-8")
-    assert old in text
-    manifest.write_text(text.replace(old, new), encoding="utf-8")
+    build(submissions)
+    rewrite(submissions / "random" / "Block8-DH-v0" / "manifest.toml", old, new)
     (line,) = build(submissions).refused
-    assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): another than in random/Block8-CPP-v0", line)
+    assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): another than owners.toml says of this name", line)
 
 
-def test_a_strangers_folder_drives_nobody_out(submissions):
-    """Though it comes first."""
+def test_a_stranger_with_as_many_folders_does_not_drive_the_owner_out(submissions, results):
+    """Nor one with more, who comes first in the alphabet, or who deletes the owner's folders first."""
+    board = submissions.parent
+    shutil.move(submissions / "greedy" / "Block8-DH-v0", board / "spare")
+    build(submissions)
+    assert tomllib.loads((board / "owners.toml").read_text(encoding="utf-8"))["greedy"]["authors"] == ["A. Author", "B. Author"]
+    stranger = submissions / "greedy" / "Block8-DH-v0"
+    shutil.move(board / "spare", stranger)
+    rewrite(stranger / "manifest.toml", '"A. Author"', '"M. Allory"')
+    for strangers in (1, 2):
+        if strangers == 2:
+            rewrite(submissions / "greedy" / "Block8-CPP-v0" / "manifest.toml", '"A. Author"', '"M. Allory"')
+        refused = build(submissions).refused
+        assert [line.split(": ")[0] for line in refused] == [f"greedy/{name}" for name in NAMES[-strangers:]]
+        assert all("another than owners.toml says" in line for line in refused)
+        authors = {row["authors"] for row in rows(board) if row["name"] == "greedy"}
+        assert authors == ({"A. Author, B. Author"} if strangers == 1 else set())
+    shutil.rmtree(submissions / "greedy")
+    with pytest.raises(SubmissionError, match=r"authors: another than owners\.toml says of this name: choose another name"):
+        submit(results["greedy"], submissions, name="greedy", authors=["M. Allory"])
+    submit(results["greedy"], submissions, name="greedy", authors=["A. Author", "B. Author"])
+    assert build(submissions).refused == []
+
+
+def test_a_name_of_nobody_yet_goes_to_whoever_has_most_of_it_or_to_nobody(submissions):
     one = load_submission(submissions / "random" / "Block8-CPP-v0")
-    honest = [(replace(one, folder=submissions / "random" / name), []) for name in ("Mine-v0", "Yours-v0")]
+    honest = [replace(one, folder=submissions / "random" / name) for name in ("Mine-v0", "Yours-v0")]
     stranger = replace(one, manifest=one.manifest.model_copy(update={"authors": ("Mallory",)}))
-    kept, (line,) = _of_one_hand([(stranger, []), *honest])
-    assert kept == honest
-    assert line == "random/Block8-CPP-v0: manifest.toml: authors: another than in random/Mine-v0"
+    assert with_new_names({}, [stranger, *honest]) == {"random": one.manifest.hand}
+    assert with_new_names({"random": stranger.manifest.hand}, honest) == {"random": stranger.manifest.hand}
+    rewrite(submissions / "random" / "Block8-CPP-v0" / "manifest.toml", '"A. Author"', '"M. Allory"')
+    refused = build(submissions).refused
+    assert [line.split(": ", 1)[1] for line in refused] == [
+        "manifest.toml: authors: others hand in as much under this name: write in owners.toml whose it is"
+    ] * 2
+    assert "random" not in (submissions.parent / "owners.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("content", ["[greedy", "greedy = 1", "[greedy]\nname = 1", b"\xff"])
+def test_a_damaged_table_of_owners_is_an_error_and_stays(submissions, content):
+    path = submissions.parent / "owners.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(SubmissionError, match=r"owners\.toml: damaged"):
+        build(submissions)
+    assert [each.name for each in submissions.parent.iterdir() if each.name != "submissions"] == ["owners.toml"]
 
 
 @pytest.mark.parametrize("what", ["a board", "a homepage"])
@@ -319,6 +363,7 @@ def test_a_rerun_of_other_actions_does_not_count(submissions):
     for name in ("actions.npz", "episodes.csv", "manifest.toml"):
         content = (submissions / "greedy" / "Block8-CPP-v0" / name).read_bytes()
         (submissions / "random" / "Block8-CPP-v0" / name).write_bytes(content.replace(b'name = "greedy"', b'name = "random"'))
+    shutil.rmtree(submissions / "random" / "Block8-DH-v0")  # of the other track
     build(submissions)
     row = next(row for row in rows(submissions.parent) if (row["name"], row["scenario"]) == ("random", "Block8-CPP-v0"))
     assert row["tier"] == "replayed"

@@ -10,6 +10,8 @@ import joblib  # pyright: ignore[reportMissingTypeStubs]
 
 from uavbench.evaluate import EpisodeRecord
 from uavbench.files import write_together
+from uavbench.leaderboard.owners import FILE as OWNERS
+from uavbench.leaderboard.owners import Owners, load_owners, owners_text, with_new_names, why_not_its_own
 from uavbench.leaderboard.page import page_text
 from uavbench.leaderboard.ranking import Entry, Row, rank
 from uavbench.leaderboard.reruns import load_reruns
@@ -85,7 +87,7 @@ def verify(
 
 
 def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None] = lambda folder: None) -> Board:
-    """Replay all submissions, then write ``leaderboard.csv`` and ``index.html`` beside their folder.
+    """Replay all submissions, then write ``leaderboard.csv``, ``index.html`` and ``owners.toml`` beside their folder.
 
     When all are refused the board has no rows, and what was there stays.
 
@@ -100,13 +102,14 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     if submissions.is_dir() and (_is_one(submissions) or (inner and all(_is_one(path) for path in inner))):
         raise SubmissionError(f"{submissions}: one agent's submissions: give the folder of all, in which it is")
     found, refused = verify(submission_folders(submissions), workers, on_checked)
-    held, others = _of_one_hand(found)
+    owners = with_new_names(load_owners(folder / OWNERS), [submission for submission, _ in found])
+    held, others = _owned(found, owners)
     if not held:
         return Board([], [*refused, *others], [])
     reruns = load_reruns(folder / "reruns.csv")
     entries = [Entry(submission, flown, reruns.get(submission.label)) for submission, flown in held]
     rows = rank(entries)
-    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries)}
+    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries), OWNERS: owners_text(owners)}
     try:
         write_together({folder / name: text.encode() for name, text in texts.items()})
     except OSError as error:
@@ -114,19 +117,14 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     return Board(rows, [*refused, *others], _alike(held))
 
 
-def _of_one_hand(held: Sequence[Held]) -> tuple[list[Held], list[str]]:
-    """Return the submissions, and a line for each that is filed with more of another author, link or track."""
-    alike: dict[str, dict[str, list[Submission]]] = {}
-    for submission, _ in held:
-        of_name = alike.setdefault(submission.folder.parent.name, {})
-        of_name.setdefault(repr(submission.manifest.hand), []).append(submission)
+def _owned(held: Sequence[Held], owners: Owners) -> tuple[list[Held], list[str]]:
+    """Return the submissions whose name is their authors', and a line for each of the others."""
     kept: list[Held] = []
     refused: list[str] = []
     for submission, flown in held:
-        one = max(alike[submission.folder.parent.name].values(), key=len)[0]  # so that a stranger's folder drives nobody out
-        differs = [name for name, value in submission.manifest.hand.items() if value != one.manifest.hand[name]]
-        if differs:
-            refused.append(_line(f"{submission.label}: {MANIFEST}: {differs[0]}: another than in {one.label}"))
+        reason = why_not_its_own(submission.manifest, submission.folder.parent.name, owners)
+        if reason:
+            refused.append(_line(f"{submission.label}: {reason}"))
         else:
             kept.append((submission, flown))
     return kept, refused
