@@ -11,7 +11,7 @@ import joblib  # pyright: ignore[reportMissingTypeStubs]
 from uavbench.evaluate import EpisodeRecord
 from uavbench.files import write_together
 from uavbench.leaderboard.owners import FILE as OWNERS
-from uavbench.leaderboard.owners import Owners, load_owners, owners_text, with_new_names, why_not_its_own
+from uavbench.leaderboard.owners import Owners, load_owners, owners_text, why_not_its_own, with_new_names
 from uavbench.leaderboard.page import page_text
 from uavbench.leaderboard.ranking import Entry, Row, rank
 from uavbench.leaderboard.reruns import load_reruns
