@@ -114,7 +114,7 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
         write_together({folder / name: text.encode() for name, text in texts.items()})
     except OSError as error:
         raise SubmissionError(f"{error.filename or folder}: cannot write it: {error.strerror or error}") from None
-    return Board(rows, [*refused, *others], _alike(held))
+    return Board(rows, [*refused, *others], _alike(held, list(owners)))
 
 
 def _owned(held: Sequence[Held], owners: Owners) -> tuple[list[Held], list[str]]:
@@ -130,11 +130,14 @@ def _owned(held: Sequence[Held], owners: Owners) -> tuple[list[Held], list[str]]
     return kept, refused
 
 
-def _alike(held: Sequence[Held]) -> list[str]:
-    """Return a line for each submission that took the same actions as another on all episodes."""
+def _alike(held: Sequence[Held], names: Sequence[str]) -> list[str]:
+    """Return a line for each submission that took the same actions as another on all episodes: as one of an older name.
+
+    ``names`` are those of all folders, the oldest first.
+    """
     first: dict[tuple[str, bytes], str] = {}
     found: list[str] = []
-    for submission, flown in held:
+    for submission, flown in sorted(held, key=lambda each: names.index(each[0].folder.parent.name)):
         actions = b"|".join(record.actions.tobytes() for record in flown)
         one = first.setdefault((submission.scenario.id, actions), submission.label)
         if one != submission.label:

@@ -15,7 +15,7 @@ from uavbench.leaderboard.submission import MANIFEST, Manifest, Submission, Subm
 
 FILE = "owners.toml"
 
-#: What the manifests of a name say of its owner (`Manifest.hand`), by the name's folder.
+#: What the manifests of a name say of its owner (`Manifest.hand`), by the name's folder, the oldest first.
 Owners = dict[str, dict[str, Any]]
 
 
@@ -43,7 +43,7 @@ def load_owners(path: Path) -> Owners:
 
 def owners_text(owners: Owners) -> str:
     """Return the file's text."""
-    return tomli_w.dumps({folder: owners[folder] for folder in sorted(owners)})
+    return tomli_w.dumps(owners)
 
 
 def with_new_names(owners: Owners, submissions: Sequence[Submission]) -> Owners:
@@ -60,7 +60,7 @@ def with_new_names(owners: Owners, submissions: Sequence[Submission]) -> Owners:
         first, *others = [hand for hand in hands if hands.count(hand) == most]
         if all(other == first for other in others):
             new[folder] = first
-    return {**new, **owners}
+    return {**owners, **{folder: owner for folder, owner in sorted(new.items()) if folder not in owners}}
 
 
 def why_not_its_own(manifest: Manifest, folder: str, owners: Mapping[str, Mapping[str, Any]]) -> str | None:
