@@ -302,12 +302,13 @@ def test_what_was_flown_is_kept_when_it_cannot_be_published(tmp_path, monkeypatc
     assert flown == []
 
 
-def test_a_result_that_was_moved_aside_by_a_killed_run_is_not_lost(result, tmp_path):
-    before = files(result.folder)
-    result.folder.replace(result.folder.with_name(".agents.One.old"))
-    again = run(job(), N, tmp_path)
-    assert files(again.folder) == before
-    assert [path.name for path in result.folder.parent.iterdir()] == ["agents.One"]
+def test_a_result_that_a_killed_run_has_half_moved_is_found(result, tmp_path):
+    before, folder = files(result.folder), result.folder
+    promise = folder.with_name(".uavbench-ready-x")
+    promise.mkdir()
+    folder.replace(promise / folder.name)
+    assert files(load_result(folder).folder) == before
+    assert [path.name for path in folder.parent.iterdir()] == ["agents.One"]
 
 
 def test_compares_paired_episodes(tmp_path):

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError
 from uavbench.evaluate import EpisodeRecord, Job
-from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together
+from uavbench.files import finish_moves, pack_arrays, replace_folders, unpack_arrays, write_together
 from uavbench.metrics import CONFIDENCE, METRICS, Interval, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
@@ -177,6 +177,8 @@ def load_result(folder: Path) -> Result:
         When there is none, or its summary is damaged.
     """
     path = folder / "summary.json"
+    if not folder.exists():
+        finish_moves(folder.parent)
     try:
         for name in ("summary.json", "episodes.csv", "actions.npz"):
             if not stat.S_ISREG((folder / name).stat().st_mode):

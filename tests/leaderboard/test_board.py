@@ -309,7 +309,10 @@ def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions)
 
 
 def test_a_part_that_was_run_again_is_counted_but_is_no_rerun(submissions):
-    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", 7, "--fresh", 0).exit_code == 0
+    assert (
+        uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", 7, "--fresh", 0).exit_code
+        == 0
+    )
     build(submissions)
     row = next(row for row in rows(submissions.parent) if row["name"] == "random")
     assert (row["tier"], row["rerun_episodes"]) == ("replayed", "7")
@@ -494,7 +497,9 @@ def test_a_built_in_agent_is_known_by_its_name_digest_and_track(submissions):
         shutil.copytree(submissions / name / "Block8-CPP-v0", copy)
         manifest = copy / "manifest.toml"
         rewrite(manifest, old, new)
-        manifest.write_text(re.sub(r'(agent_sha256 = ".{64}).*"', r'\1"', manifest.read_text(encoding="utf-8")), encoding="utf-8")
+        manifest.write_text(
+            re.sub(r'(agent_sha256 = ".{64}).*"', r'\1"', manifest.read_text(encoding="utf-8")), encoding="utf-8"
+        )
         assert not is_built_in(load_submission(copy))
         shutil.rmtree(copy)
 
@@ -518,7 +523,10 @@ def test_a_damaged_table_of_reruns_is_an_error(submissions):
 
 
 def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submissions, monkeypatch):
-    path, words = submissions.parent / "reruns.csv", ("leaderboard", "rerun", submissions / "random", "--agent", "random", "--fresh", 0)
+    path, words = (
+        submissions.parent / "reruns.csv",
+        ("leaderboard", "rerun", submissions / "random", "--agent", "random", "--fresh", 0),
+    )
     assert uavbench(*words, "--episodes", 2).exit_code == 0
     good = path.read_text(encoding="utf-8")
     with monkeypatch.context() as patch:

@@ -91,7 +91,9 @@ def test_a_score_that_fresh_episodes_contradict_has_no_rank(monkeypatch):
     monkeypatch.setattr("uavbench.leaderboard.ranking.actions_digest", lambda submission: "2")
     entries = [*agent("copy", 0.5), *agent("good", 0.3)]
     entries[0] = replace(entries[0], rerun=Rerun("copy/x", "state", "", "2", 1000, 200, 1, 0.4, -0.3, -0.4, -0.2))
-    entries[0].__dict__["table"] = pd.DataFrame({name: BASE[PAPER_SCENARIOS[0]] for name in ("landed", "cr", "cral", "steps", "episode")})
+    entries[0].__dict__["table"] = pd.DataFrame(
+        dict.fromkeys(("landed", "cr", "cral", "steps", "episode"), BASE[PAPER_SCENARIOS[0]])
+    )
     rows = rank(entries)
     assert ranks(rows, PAPER_SCENARIOS[0]) == ranks(rows, OVERALL) == {"good": 1}
     row = next(row for row in rows if row.name == "copy" and row.scenario == PAPER_SCENARIOS[0])

@@ -9,7 +9,7 @@ from typing import Any, cast
 import joblib  # pyright: ignore[reportMissingTypeStubs]
 
 from uavbench.evaluate import EpisodeRecord
-from uavbench.files import write_together
+from uavbench.files import finish_moves, write_together
 from uavbench.leaderboard.owners import FILE as OWNERS
 from uavbench.leaderboard.owners import Owners, load_owners, owners_text, why_not_its_own, with_new_names
 from uavbench.leaderboard.page import page_text
@@ -55,6 +55,8 @@ def submission_folders(folder: Path) -> list[Path]:
 def _inner(outer: Path) -> list[Path]:
     """Return what an agent's folder holds; nothing of what is none or cannot be read, which is refused as a submission then."""
     closed = outer.name.startswith(".") or outer.is_symlink() or not outer.is_dir() or _is_one(outer)
+    if not closed:
+        finish_moves(outer)
     with contextlib.suppress(OSError):
         return [] if closed else sorted(outer.iterdir())
     return []
@@ -101,6 +103,7 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     folder, inner = submissions.resolve().parent, [path for path in submissions.glob("*") if path.is_dir()]
     if submissions.is_dir() and (_is_one(submissions) or (inner and all(_is_one(path) for path in inner))):
         raise SubmissionError(f"{submissions}: one agent's submissions: give the folder of all, in which it is")
+    finish_moves(folder)
     found, refused = verify(submission_folders(submissions), workers, on_checked)
     owners = with_new_names(load_owners(folder / OWNERS), [submission for submission, _ in found])
     held, others = _owned(found, owners)
