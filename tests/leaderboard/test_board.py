@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 from commands import uavbench_command as uavbench
+from joblib.externals.loky import get_reusable_executor
 
 from uavbench import load_scenario
 from uavbench.agent import find_agent
@@ -20,11 +21,13 @@ from uavbench.evaluate import Job
 from uavbench.leaderboard.board import build, submission_folders, verify
 from uavbench.leaderboard.claims import is_built_in
 from uavbench.leaderboard.owners import with_new_names
+from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.reruns import Rerun, load_reruns, save_rerun
 from uavbench.leaderboard.submission import SubmissionError, load_submission
 from uavbench.leaderboard.submit import submit
 from uavbench.run import run
 
+PUBLISHED = {("DDQN (paper)", scenario) for scenario in ("overall", *PAPER_SCENARIOS)}
 NAMES = ("Block8-CPP-v0", "Block8-DH-v0")
 OF_WEIGHTS = """
 from pathlib import Path
@@ -297,6 +300,21 @@ def test_workers_find_the_same(submissions):
     one, two = verify(folders, 1), verify(folders, 2)
     assert [each.label for each, _ in one[0]] == [each.label for each, _ in two[0]]
     assert one[1] == two[1]
+
+
+def test_a_submission_that_kills_the_process_that_reads_it_is_refused_and_no_other(submissions, tmp_path, monkeypatch):
+    deadly = "random/Block8-CPP-v0/episodes.csv"
+    hook = f"lambda event, args: event == 'open' and str(args[0]).endswith({deadly!r}) and os._exit(3)"
+    (tmp_path / "sitecustomize.py").write_text(f"import os, sys\nsys.addaudithook({hook})", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    get_reusable_executor().shutdown(wait=True)  # so that the workers are new ones, which read that file at their start
+    try:
+        board = build(submissions, workers=2)
+    finally:
+        get_reusable_executor().shutdown(wait=True)
+    assert board.refused == ["random/Block8-CPP-v0: the process that read it died: it may take too much memory"]
+    found = {(row["name"], row["scenario"]) for row in rows(submissions.parent)}
+    assert found == {("greedy", "Block8-CPP-v0"), ("greedy", "Block8-DH-v0"), ("random", "Block8-DH-v0")} | PUBLISHED
 
 
 def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions):

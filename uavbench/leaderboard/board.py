@@ -1,7 +1,9 @@
 """The leaderboard from a folder of submissions: everything is replayed, what is refused is named, the rest is built."""
 
 import contextlib
-from collections.abc import Callable, Sequence
+import multiprocessing
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -77,15 +79,40 @@ def verify(
     """Read and replay submissions; return those that hold, and why the others are refused, a line each."""
     held: list[Held] = []
     refused: list[str] = []
-    parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator")
-    look: Any = cast("Any", joblib).delayed(_look)
-    for folder, found in zip(folders, parallel(look(folder) for folder in folders), strict=True):
+    for folder, found in zip(folders, _looks(folders, workers), strict=True):
         if isinstance(found, str):
             refused.append(found)
         else:
             held.append(found)
         on_checked(folder)
     return held, refused
+
+
+def _looks(folders: Sequence[Path], workers: int) -> Generator[Held | str]:
+    """Look at submissions in several processes, in their order. One that kills its process is refused, and no other.
+
+    When a process dies, nobody knows of which submission: so the first that is open is looked at in a process of its own.
+    """
+    look: Any = cast("Any", joblib).delayed(_look)
+    done = 0
+    while done < len(folders):
+        parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator")
+        try:
+            for found in parallel(look(folder) for folder in folders[done:]):
+                yield found
+                done += 1
+        except BrokenProcessPool:
+            yield _look_alone(folders[done])
+            done += 1
+
+
+def _look_alone(folder: Path) -> Held | str:
+    """Look at a submission in a process of its own."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        try:
+            return pool.submit(_look, folder).result()
+        except BrokenProcessPool:
+            return _line(f"{folder.parent.name}/{folder.name}: the process that read it died: it may take too much memory")
 
 
 def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None] = lambda folder: None) -> Board:
