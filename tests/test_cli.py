@@ -309,6 +309,21 @@ def test_workers_of_a_killed_process_end(tmp_path):
     wait_for(lambda: not workers_of(tmp_path))
 
 
+@posix
+def test_interrupted_bounds_keep_what_was_done(tmp_path):
+    pytest.importorskip("highspy")
+    words = ("bound", "Manhattan32-CPP-v0", "--seconds", 600, "--workers", 2, "--out", tmp_path)
+    process = command(*words)
+    found = tmp_path / "Manhattan32-CPP-v0.csv"
+    wait_for(found.is_file)  # the table begins with what is known already
+    time.sleep(3.0)
+    process.send_signal(signal.SIGTERM)  # as a batch system does that knows only the first process
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 1, errors
+    assert "interrupted; what is done is kept" in errors
+    assert found.read_text().count("\n") == 1001
+
+
 def test_without_a_terminal_long_commands_print_plain_lines(call, monkeypatch):
     words = ("evaluate", "--agent", "random", "--scenario", "Block8-CPP-v0", "--episodes", 20, "--overwrite")
     assert "so far" not in call(*words)[1]  # it does not take half a minute

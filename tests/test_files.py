@@ -3,13 +3,15 @@
 import io
 import re
 import struct
+import subprocess
+import sys
 import tracemalloc
 import zipfile
 
 import numpy as np
 import pytest
 
-from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together, write_whole
+from uavbench.files import finish_moves, pack_arrays, replace_folders, unpack_arrays, write_together, write_whole
 
 ARRAYS = {"a": np.arange(6, dtype=np.uint8).reshape(2, 3), "b": np.array([1.5, np.inf]), "c": np.zeros((0, 4), dtype=np.int64)}
 
@@ -137,7 +139,8 @@ def folder_of(path, text):
 
 def test_a_folder_takes_the_place_of_another(tmp_path):
     new, folder = folder_of(tmp_path / "new", "new"), folder_of(tmp_path / "folder", "old")
-    folder_of(tmp_path / ".folder.old", "of a process that was killed after both moves")
+    folder_of(tmp_path / ".uavbench-old-x", "of a process that was killed after both moves")
+    folder_of(tmp_path / ".uavbench-new-x", "of a process that was killed before all was there")
     replace_folders({folder: new})
     assert (folder / "file").read_text() == "new"
     assert [each.name for each in tmp_path.iterdir()] == ["folder"]
@@ -171,3 +174,75 @@ def test_a_folder_that_could_not_be_deleted_is_not_moved(tmp_path, monkeypatch):
     with pytest.raises(PermissionError, match=str(last)):
         replace_folders(places)
     assert [(place / "file").read_text() for place in (first, last)] == ["old", "old"]
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from uavbench.files import replace_folders, write_together
+
+moves, real, folder = int(sys.argv[2]), os.replace, Path(sys.argv[1])
+
+def replace(*given):
+    global moves
+    moves -= 1
+    if moves < 0:
+        os._exit(9)
+    return real(*given)
+
+os.replace = os.rename = replace
+if sys.argv[3] == "files":
+    write_together({folder / name: b"new" for name in ("a", "b")})
+else:
+    replace_folders({folder / name: folder / "made" / name for name in ("a", "b", "c")})
+"""
+
+
+@pytest.mark.parametrize(("kind", "old", "new"), [("files", "ab", "ab"), ("folders", "ab", "abc")])
+def test_a_kill_between_any_two_moves_leaves_all_old_or_what_becomes_all_new(tmp_path, kind, old, new):
+    ends = []
+    for moves in range(20):
+        folder = tmp_path / str(moves)
+        (folder / "made").mkdir(parents=True)
+        for name in new:
+            folder_of(folder / "made" / name, "new")
+            if name in old and kind == "folders":
+                folder_of(folder / name, "old")
+            elif name in old:
+                (folder / name).write_text("old")
+        ends.append(subprocess.run([sys.executable, "-c", KILLED, folder, str(moves), kind], check=False).returncode)
+        finish_moves(folder)
+        texts = {
+            name: (path / "file" if path.is_dir() else path).read_text() for name in "abc" if (path := folder / name).exists()
+        }
+        assert texts in (dict.fromkeys(old, "old"), dict.fromkeys(new, "new")), (moves, texts)
+        if ends[-1] == 0:
+            break
+    assert (set(ends[:-1]), ends[-1], texts) == ({9}, 0, dict.fromkeys(new, "new"))
+    write_whole(tmp_path / "0" / "d", b"")  # the next one tidies up
+    assert not list((tmp_path / "0").glob(".uavbench*"))
+
+
+PUBLISHING = """
+import sys, tempfile
+from pathlib import Path
+from uavbench.files import replace_folders, write_together
+
+folder, mark = Path(sys.argv[1]), sys.argv[2]
+for _ in range(40):
+    with tempfile.TemporaryDirectory(dir=folder) as staging:
+        for place in ("x", "y"):
+            (Path(staging) / place).mkdir()
+            (Path(staging) / place / "file").write_text(mark)
+        replace_folders({folder / place: Path(staging) / place for place in ("x", "y")})
+    write_together({folder / name: mark.encode() for name in ("a", "b")})
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no locks on folders")
+def test_of_three_processes_that_publish_one_name_at_once_one_is_there_as_a_whole(tmp_path):
+    processes = [subprocess.Popen([sys.executable, "-c", PUBLISHING, tmp_path, str(k)]) for k in range(3)]
+    assert [process.wait() for process in processes] == [0, 0, 0]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "x", "y"]
+    assert (tmp_path / "x" / "file").read_text() == (tmp_path / "y" / "file").read_text()
+    assert (tmp_path / "a").read_text() == (tmp_path / "b").read_text()

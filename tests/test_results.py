@@ -1,6 +1,7 @@
 """Results on disk: whole or not at all, resumable, reproducible by anyone."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pandas as pd
@@ -9,11 +10,13 @@ from running import AGENTS, N, files, job
 
 from uavbench import load_scenario
 from uavbench.agent import find_agent
+from uavbench.city import HOVER
 from uavbench.evaluate import NO_ACTION
 from uavbench.metrics import summarise
-from uavbench.replay import compare_results, replay
+from uavbench.replay import compare_results, fly_all_recorded, fly_recorded, fly_together, replay
 from uavbench.results import COLUMNS, ResultError, load_result
 from uavbench.run import jobs, run
+from uavbench.simulator import Simulator
 
 
 @pytest.fixture
@@ -57,6 +60,54 @@ def test_episodes_csv_holds_every_episode(result):
 @pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-DH-Team-v0"])
 def test_replay_reproduces_every_number(scenario, tmp_path):
     assert replay(run(job(scenario=scenario), N, tmp_path)) == []
+
+
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0", "Manhattan32-CPP-Team-v0"])
+def test_replay_flies_all_episodes_side_by_side_in_one_simulator(scenario, tmp_path, monkeypatch):
+    """In parts where the maps of all would take too much memory; each episode comes out as if it flew alone."""
+    result, made, fits = run(job(scenario=scenario), N, tmp_path), [], []
+
+    class Counted(Simulator):
+        def __init__(self, *given):
+            super().__init__(*given)
+            made.append(self.num_envs)
+
+        def _check_fit(self, *given):
+            fits.append(given)
+            super()._check_fit(*given)
+
+    monkeypatch.setattr("uavbench.replay.Simulator", Counted)
+    flown, wrong = fly_all_recorded(result)
+    assert (made, len(fits), wrong) == ([N], 1, [])
+    rows, cols = result.scenario.shape
+    monkeypatch.setattr("uavbench.replay._MOST_CELLS", 7 * rows * cols + 1)
+    in_parts, wrong = fly_all_recorded(result)
+    assert (made[1:], len(fits), wrong) == ([7], 2, [])
+    alone = [fly_recorded(result.scenario, "test", k, actions) for k, actions in result.actions().items()]
+    for records in zip(flown, in_parts, alone, strict=True):
+        assert len({repr({**asdict(record), "actions": record.actions.tobytes()}) for record in records}) == 1
+
+
+@pytest.mark.parametrize("scenario", ["Block8-DH-v0", "Manhattan32-DH-Team-v0"])
+def test_a_flight_that_is_not_whole_disturbs_no_other(scenario, tmp_path):
+    result = run(job(scenario=scenario), N, tmp_path)
+    flights = list(result.actions().values())
+    whole = fly_together(result.scenario, "test", range(N), flights)
+    uavs = flights[0].shape[1]
+    flights[3] = flights[3][:-1]  # too short
+    flights[5] = np.concatenate([flights[5], np.full((1, uavs), NO_ACTION, dtype=np.uint8)])  # a step in which nobody flies
+    flights[7] = np.full((10**6, uavs), HOVER, dtype=np.uint8)  # longer than any budget
+    flights[9] = flights[9][:, :0]  # of no UAV
+    flights[11] = flights[11][:0]
+    flights[13] = np.where(np.arange(len(flights[13]))[:, None] == 1, 255, flights[13]).astype(np.uint8)
+    flights[15] = flights[15][:, 0]
+    found = fly_together(result.scenario, "test", range(N), flights)
+    assert [k for k, record in enumerate(found) if record is None] == [3, 5, 7, 9, 11, 13, 15]
+    for record, other in zip(found, whole, strict=True):
+        assert record is None or (record.cr, record.total_reward) == (other.cr, other.total_reward)
+    assert [fly_recorded(result.scenario, "test", k, flight) is None for k, flight in enumerate(flights)] == [
+        record is None for record in found
+    ]
 
 
 def test_replay_finds_actions_of_uavs_that_do_not_fly(tmp_path):
@@ -251,12 +302,13 @@ def test_what_was_flown_is_kept_when_it_cannot_be_published(tmp_path, monkeypatc
     assert flown == []
 
 
-def test_a_result_that_was_moved_aside_by_a_killed_run_is_not_lost(result, tmp_path):
-    before = files(result.folder)
-    result.folder.replace(result.folder.with_name(".agents.One.old"))
-    again = run(job(), N, tmp_path)
-    assert files(again.folder) == before
-    assert [path.name for path in result.folder.parent.iterdir()] == ["agents.One"]
+def test_a_result_that_a_killed_run_has_half_moved_is_found(result, tmp_path):
+    before, folder = files(result.folder), result.folder
+    promise = folder.with_name(".uavbench-ready-x")
+    promise.mkdir()
+    folder.replace(promise / folder.name)
+    assert files(load_result(folder).folder) == before
+    assert [path.name for path in folder.parent.iterdir()] == ["agents.One"]
 
 
 def test_compares_paired_episodes(tmp_path):

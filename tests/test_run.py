@@ -1,6 +1,5 @@
 """Runs: interrupted ones end in the same result, and nothing that was flown is lost."""
 
-import os
 import shutil
 import subprocess
 import sys
@@ -236,9 +235,10 @@ def test_an_agent_that_goes_elsewhere_leaves_its_results_where_they_were_asked_f
 def test_a_result_that_cannot_be_written_is_said(tmp_path):
     folder = tmp_path / "Block8-DH-v0"
     folder.mkdir()
-    (folder / f".{job().source.name}.{os.getpid()}.new").write_text("in the way")
-    with pytest.raises(ResultError, match=r"--out: cannot write .*new: File exists"):
+    (folder / job().source.name).write_text("in the way")
+    with pytest.raises(ResultError, match="--out: cannot write"):
         run(job(), N, tmp_path)
+    assert (folder / job().source.name).read_text() == "in the way"
 
 
 @pytest.mark.parametrize("seconds", [0, 60])

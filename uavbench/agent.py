@@ -68,7 +68,7 @@ class AgentSource:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave out what is cached when it is sent to another process, which loads the agent's file itself."""
-        return AgentSource, tuple(getattr(self, field.name) for field in fields(self))
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def name(self) -> str:

@@ -153,6 +153,7 @@ def leaderboard_tables(rows: "Iterable[Row]") -> Group:
             tables[row.track].add_section()
         last[row.track] = row.scenario
         scores = [f"{100 * interval.mean:.1f}" for interval in (row.landed, row.cr, row.cral)]
-        rank, interval = ("–", "published") if row.rank is None else (str(row.rank), _bounds(row.cral))
+        rank = "–" if row.rank is None else str(row.rank)
+        interval = "published" if row.tier == "published" else _bounds(row.cral)
         tables[row.track].add_row(row.scenario, row.name, rank, *scores, interval)
     return Group(*tables.values())

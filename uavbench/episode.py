@@ -7,6 +7,7 @@ change of a generator can touch them.
 
 import hashlib
 import operator
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, SupportsIndex
@@ -52,6 +53,15 @@ def check_number(scenario: Scenario, split: SplitName, number: object) -> int:
 def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
     """Return the keys of the episodes ``numbers`` of ``split``."""
     return np.uint64(SPLITS.index(split) << 62) | numbers.astype(np.uint64)
+
+
+def fresh_keys(secret: int, numbers: Sequence[int]) -> NDArray[np.uint64]:
+    """Return the keys of episodes that are in no split, by a number that nobody knows before they are flown.
+
+    The two highest bits are those of no split. The others are hashed by SHA-256: from one key nobody finds another.
+    """
+    digests = [hashlib.sha256(f"uavbench fresh {secret} {number}".encode()).digest() for number in numbers]
+    return np.uint64(3 << 62) | np.array([int.from_bytes(digest[:8], "little") >> 2 for digest in digests], dtype=np.uint64)
 
 
 def train_numbers(seed: int, first: int, count: int) -> NDArray[np.int64]:

@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.agent import AgentSource
+from uavbench.apart import ApartError
 from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.decision_clock import DecisionClock, shown_call
+from uavbench.episode import episode_keys, fresh_keys
 from uavbench.errors import UavbenchError
 from uavbench.keyed import AGENT, stream
 from uavbench.observation import Observation, Observer
@@ -102,6 +104,9 @@ class Job:
         Episodes at once, for an agent that decides for many.
     agent_sha256 : str, optional
         The digest that the agent's files must have when they are loaded; None for any.
+    fresh : int, optional
+        A key from which other episodes are drawn, that nobody has published, in the place of those of the split. The agent is
+        told the numbers and seeds of the split's, which say nothing about them.
     """
 
     source: AgentSource
@@ -110,6 +115,7 @@ class Job:
     decision_timeout: float | None = 60.0
     batch_size: int = DEFAULT_BATCH
     agent_sha256: str | None = None
+    fresh: int | None = None
 
 
 def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[EpisodeRecord]:
@@ -199,7 +205,10 @@ class _Flight:
         job, count, most = self._job, len(numbers), self._job.scenario.most_uavs
         simulator = self._simulator(count)
         state = simulator.state
-        simulator.reset(np.arange(count), job.split, numbers)
+        if job.fresh is None:
+            simulator.reset(np.arange(count), job.split, numbers)
+        else:
+            simulator.sample(np.arange(count), fresh_keys(job.fresh, numbers))
         fixed = [self._fixed_info(simulator, i, u, number) for i, number in enumerate(numbers) for u in range(most)]
         actions = np.full((count, int(state.budget.max()), most), NO_ACTION, dtype=np.uint8)
         seconds, rewards = np.zeros(count), np.zeros(count)
@@ -246,7 +255,9 @@ class _Flight:
 
     def _fixed_info(self, simulator: Simulator, i: int, uav: int, number: int) -> dict[str, Any]:
         """Return what an agent is told of an episode and a UAV at every step."""
-        seed = int(stream(simulator.state.key[i], AGENT)) >> 1
+        fresh = self._job.fresh is not None
+        key = episode_keys(self._job.split, np.array([number]))[0] if fresh else simulator.state.key[i]
+        seed = int(stream(key, AGENT)) >> 1
         info: dict[str, Any] = {"split": self._job.split, "episode": int(number), "seed": seed, "uav": uav}
         if self._state_track:
             info["state"] = StateView(simulator, i, uav)
@@ -304,6 +315,8 @@ class _Flight:
             actions = None if shape is None else _actions(job, answer, call, where, shape)
         except AgentError:
             raise
+        except ApartError as error:
+            raise _complaint(job, where, f"{call} {error}") from None
         except (Exception, SystemExit) as error:
             if answered:
                 reason = f"{call} returned {_shown(answer)}, which is no array of integers: {_said(error)}"

@@ -10,7 +10,7 @@ import tempfile
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -89,48 +89,136 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def write_together(contents: Mapping[Path, bytes]) -> None:
-    """Write files, each as a whole, and none before all are on the disk and can take their places."""
-    temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in contents}
-    try:
+    """Write files, each as a whole, and none before all are on the disk and can take their places.
+
+    Those of one folder take their places together, whatever happens meanwhile: see `moved_together`.
+    """
+    folders = {path: path.parent for path in contents}
+    for path, parent in folders.items():
+        parent.mkdir(parents=True, exist_ok=True)
+        folders[path] = parent.resolve()
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    with contextlib.ExitStack() as opened:
+        staging = {parent: opened.enter_context(moved_together(parent)) for parent in sorted(set(folders.values()))}
         for path, content in contents.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            if path.is_dir():
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
-            with temporary[path].open("wb") as file:
+            with (staging[folders[path]] / path.name).open("wb") as file:
                 file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
-        for path in contents:
-            temporary[path].replace(path)
-    finally:
-        for path in temporary.values():
-            with contextlib.suppress(OSError):
-                path.unlink()
 
 
 def replace_folders(new: Mapping[Path, Path]) -> None:
-    """Put folders in the places of others, by place: all, or none if one fails.
+    """Put folders in the places of others, by place: all, or none if one fails; all places are in one folder.
 
-    What a process left that was killed between two moves is put right by the next call.
+    Several processes may do so at once: the folders of one of them are there in the end, each as a whole.
     """
-    old = {folder: folder.with_name(f".{folder.name}.old") for folder in new}
-    for folder in new:
-        if folder.exists():
-            if not os.access(folder, os.W_OK):  # it could be moved away, but not deleted then
-                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
-            if old[folder].exists():
-                shutil.rmtree(old[folder])
+    (parent,) = {place.parent for place in new}
+    with moved_together(parent) as staging:
+        for place in new:
+            if place.exists() and not os.access(place, os.W_OK):  # it could be moved away, but not deleted then
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
+        moved: list[Path] = []
+        try:
+            for place, made in new.items():
+                made.replace(staging / place.name)
+                moved.append(place)
+        except BaseException:
+            for place in moved:
+                (staging / place.name).replace(new[place])
+            raise
+
+
+# What takes the place of something else is first put together in a folder of its own beside it. When it is all there, one
+# rename makes that folder a promise: whoever comes next, and holds the lock, keeps it if the process was killed meanwhile.
+_STAGING, _PROMISE, _OLD = ".uavbench-new-", ".uavbench-ready-", ".uavbench-old-"
+
+
+@contextlib.contextmanager
+def moved_together(parent: Path) -> Generator[Path]:
+    """Give a folder in ``parent``; what is in it after the block takes its place in ``parent``: all of it or nothing.
+
+    A process that is killed leaves all that was there before, or something that `finish_moves` makes all that is new.
+    """
+    with _alone_in(parent) as alone:
+        _finish(parent, alone)
+        staging = Path(tempfile.mkdtemp(prefix=_STAGING, dir=parent))
+        promise = parent / staging.name.replace(_STAGING, _PROMISE)
+        try:
+            yield staging
+            staging.replace(promise)
+        except BaseException:
+            shutil.rmtree(staging, ignore_errors=True)
+            raise
+        _keep(promise)
+
+
+def finish_moves(parent: Path) -> None:
+    """Finish what a killed process left half moved in a folder, if it did; where that cannot be done, leave all as it is."""
+    with contextlib.suppress(OSError):
+        if any(parent.glob(f"{_PROMISE}*")):
+            with _alone_in(parent) as alone:
+                _finish(parent, alone)
+
+
+def _finish(parent: Path, alone: bool) -> None:
+    """Keep the promises of killed processes, and delete what they had not promised yet."""
+    for promise in sorted(parent.glob(f"{_PROMISE}*")):
+        _keep(promise)
+    if alone:  # else another process may be at work there
+        for left in [*parent.glob(f"{_STAGING}*"), *parent.glob(f"{_OLD}*")]:
+            shutil.rmtree(left, ignore_errors=True)
+
+
+def _keep(promise: Path) -> None:
+    """Move everything in a folder to its place in the parent; on failure, everything back."""
+    parent = promise.parent
+    old = Path(tempfile.mkdtemp(prefix=_OLD, dir=parent))
+    made = sorted(promise.iterdir())
+    moved: list[Path] = []
     try:
-        for folder, made in new.items():
-            if folder.exists():
-                folder.replace(old[folder])
-            made.replace(folder)
+        for each in made:
+            place = parent / each.name
+            if place.is_dir():
+                place.replace(old / each.name)
+            elif place.exists() and len(made) > 1:  # a file is not moved away first: it is there at any time
+                shutil.copy2(place, old / each.name)
+            moved.append(each)
+            each.replace(place)
     except BaseException:
-        for folder, made in new.items():
-            if not made.exists():
-                folder.replace(made)
-            if old[folder].exists() and not folder.exists():
-                old[folder].replace(folder)
+        for each in moved:
+            place = parent / each.name
+            if not each.exists():
+                place.replace(each)
+            if (old / each.name).exists():
+                (old / each.name).replace(place)
+        shutil.rmtree(promise, ignore_errors=True)
         raise
-    for each in old.values():
-        shutil.rmtree(each, ignore_errors=True)
+    finally:
+        shutil.rmtree(old, ignore_errors=True)
+    promise.rmdir()
+
+
+@contextlib.contextmanager
+def _alone_in(folder: Path) -> Generator[bool]:
+    """Wait until no other process moves things in a folder; say whether the system could promise that.
+
+    The lock is on the folder itself and ends with the process: nothing is left when that is killed. Windows and some network
+    drives have no such lock: there, processes that publish the same name at the same time may disturb each other.
+    """
+    try:
+        import fcntl
+
+        handle = os.open(folder, os.O_RDONLY)
+    except (ImportError, PermissionError):
+        yield False
+        return
+    try:
+        locked = True
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        except OSError:
+            locked = False
+        yield locked
+    finally:
+        os.close(handle)

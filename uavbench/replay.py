@@ -1,6 +1,6 @@
 """Checking results: simulating the recorded actions again, and comparing two agents on the same episodes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 
 import numpy as np
@@ -13,6 +13,8 @@ from uavbench.metrics import METRICS, ROUNDING, Comparison, compare, tolerance
 from uavbench.results import COLUMNS, Result, ResultError, metrics_of
 from uavbench.scenario import Scenario, ScenarioError, SplitName, load_scenario
 from uavbench.simulator import Simulator
+
+_MOST_CELLS = 2**25  # of all maps that are flown on side by side: a target map takes 4 bytes a cell
 
 
 def replay(result: Result, scenario_file: str | None = None) -> list[str]:
@@ -56,8 +58,8 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     flown: list[EpisodeRecord] = []
     # CPP is exact on any machine; DH but for the last digits of a platform's logarithm.
     allowed = tolerance(scenario)
-    for number, row in zip(expected, table[list(COLUMNS)].to_dict("records"), strict=True):
-        record = fly_recorded(scenario, split, number, actions[number])
+    together = fly_together(scenario, split, expected, [actions[number] for number in expected])
+    for number, record, row in zip(expected, together, table[list(COLUMNS)].to_dict("records"), strict=True):
         if record is None:
             wrong.append(f"episode {number}: actions.npz does not hold the actions of a whole episode")
             continue
@@ -117,38 +119,85 @@ def fly_recorded(
     actions: NDArray[np.uint8],
     watch: Callable[[Simulator], None] = lambda simulator: None,
 ) -> EpisodeRecord | None:
-    """Fly an episode with recorded actions, ``watch`` being shown the simulator at the start and after every step.
+    """Fly one episode with recorded actions; ``watch`` sees the simulator at the start and after every step.
 
     Returns None when they are not the actions of a whole episode.
     """
-    if actions.ndim != 2 or actions.shape[1] != scenario.most_uavs:
-        return None
-    simulator = Simulator(scenario, 1)
-    simulator.reset([0], split, [number])
-    state, total = simulator.state, 0.0
+    return _fly(Simulator(scenario, 1), split, [number], [actions], watch)[0]
+
+
+def fly_together(
+    scenario: Scenario, split: SplitName, numbers: Sequence[int], flights: Sequence[NDArray[np.uint8]]
+) -> list[EpisodeRecord | None]:
+    """Fly episodes with recorded actions side by side: every number is the one that the episode has when it is flown alone.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    split : {"train", "validation", "test"}
+    numbers : sequence of int
+        Which episodes.
+    flights : sequence of ndarray of uint8
+        The actions of each episode, shape (T, U), as in `EpisodeRecord`.
+
+    Returns
+    -------
+    list of EpisodeRecord or None
+        One for each episode, in the same order; None where the actions are not those of a whole episode.
+    """
+    rows, cols = scenario.shape
+    slots = max(1, min(len(numbers), _MOST_CELLS // (rows * cols)))
+    simulator = Simulator(scenario, slots)
+    found: list[EpisodeRecord | None] = []
+    for k in range(0, len(numbers), slots):
+        found += _fly(simulator, split, numbers[k : k + slots], flights[k : k + slots])
+    return found
+
+
+def _fly(
+    simulator: Simulator,
+    split: SplitName,
+    numbers: Sequence[int],
+    flights: Sequence[NDArray[np.uint8]],
+    watch: Callable[[Simulator], None] = lambda simulator: None,
+) -> list[EpisodeRecord | None]:
+    """Fly the episodes ``numbers`` in the first slots. A UAV without a valid action hovers, and its episode is not whole."""
+    state, count, most = simulator.state, len(numbers), simulator.scenario.most_uavs
+    simulator.reset(np.arange(count), split, numbers)
     watch(simulator)
+    longest = state.budget[:count].max(axis=1)  # each step costs every UAV that flies an action of its budget
+    lengths = np.array([len(flight) for flight in flights])
+    whole = np.array([flight.shape[1:] == (most,) for flight in flights]) & (lengths <= longest)
+    actions = np.full((max(lengths[whole], default=0), simulator.num_envs, most), NO_ACTION, dtype=np.uint8)
+    for i in np.flatnonzero(whole).tolist():
+        actions[: lengths[i], i] = flights[i]
+    steps, rewards = np.zeros(count, dtype=np.int64), np.zeros(count)
     for row in actions:
-        flying = ~state.done[0]
-        if not flying.any() or (row[flying] >= NUM_ACTIONS).any() or (row[~flying] != NO_ACTION).any():
-            return None
-        chosen = np.where(flying, row, HOVER)
-        simulator.step(chosen[None] if scenario.team else chosen)
-        for reward in state.reward[0].tolist():
-            total += reward
+        flying = ~state.done[:count]
+        steps += flying.any(axis=1)
+        whole &= np.where(flying, row[:count] < NUM_ACTIONS, row[:count] == NO_ACTION).all(axis=1)
+        chosen = np.where(row < NUM_ACTIONS, row, HOVER)
+        simulator.step(chosen if simulator.scenario.team else chosen[:, 0])
+        for uav in range(most):  # in the order in which `evaluate` adds them up
+            rewards += state.reward[:count, uav]
         watch(simulator)
-    if not state.done.all():
-        return None
-    uavs = int(state.uavs[0])
-    return EpisodeRecord(
-        episode=number,
-        uavs=uavs,
-        budget=int(state.initial_budget[0, :uavs].sum()),
-        steps=int((actions != NO_ACTION).sum()),
-        total_reward=total,
-        actions=actions,
-        seconds=0.0,
-        **{name: values[0].item() for name, values in simulator.outcomes([0]).items()},
-    )
+    whole &= state.done[:count].all(axis=1) & (steps == lengths)
+    outcomes = {name: values.tolist() for name, values in simulator.outcomes(np.arange(count)).items()}
+    return [
+        EpisodeRecord(
+            episode=int(number),
+            uavs=int(state.uavs[i]),
+            budget=int(state.initial_budget[i, : state.uavs[i]].sum()),
+            steps=int((flights[i] != NO_ACTION).sum()),
+            total_reward=float(rewards[i]),
+            actions=flights[i],
+            seconds=0.0,
+            **{name: values[i] for name, values in outcomes.items()},
+        )
+        if whole[i]
+        else None
+        for i, number in enumerate(numbers)
+    ]
 
 
 def compare_results(first: Result, second: Result) -> dict[str, Comparison]:

@@ -4,6 +4,7 @@ The files of a result are put in their place together, or not at all.
 """
 
 import csv
+import errno
 import json
 import os
 import platform
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError
 from uavbench.evaluate import EpisodeRecord, Job
-from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together
+from uavbench.files import finish_moves, moved_together, pack_arrays, unpack_arrays, write_together
 from uavbench.metrics import CONFIDENCE, METRICS, ROUNDING, Interval, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
@@ -178,6 +179,8 @@ def load_result(folder: Path) -> Result:
         When there is none, or its summary is damaged.
     """
     path = folder / "summary.json"
+    if not folder.exists():
+        finish_moves(folder.parent)
     try:
         for name in ("summary.json", "episodes.csv", "actions.npz"):
             if not stat.S_ISREG((folder / name).stat().st_mode):
@@ -278,13 +281,15 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
         "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
         "episodes": np.array([record.episode for record in records]),
     }
-    new = folder.with_name(f".{folder.name}.{os.getpid()}.new")  # that of no other process that publishes the same
-    shutil.rmtree(new, ignore_errors=True)
-    if folder.is_dir():
-        shutil.copytree(folder, new, symlinks=True)
-    new.mkdir(parents=True, exist_ok=True)
-    (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-    table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
-    (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))
-    replace_folders({folder: new})
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with moved_together(folder.parent) as staging:
+        new = staging / folder.name
+        if folder.is_dir():
+            if not os.access(folder, os.W_OK):  # it could be moved away, but not deleted then
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+            shutil.copytree(folder, new, symlinks=True)
+        new.mkdir(exist_ok=True)
+        (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
+        (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))
     return Result(folder, summary)

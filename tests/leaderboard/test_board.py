@@ -13,12 +13,22 @@ from pathlib import Path
 import pytest
 import tomli_w
 from commands import uavbench_command as uavbench
+from joblib.externals.loky import get_reusable_executor
 
+from uavbench import load_scenario
 from uavbench.agent import find_agent
-from uavbench.leaderboard.board import _of_one_hand, build, submission_folders, verify
-from uavbench.leaderboard.reruns import load_reruns
+from uavbench.evaluate import Job
+from uavbench.leaderboard.board import build, submission_folders, verify
+from uavbench.leaderboard.claims import is_built_in
+from uavbench.leaderboard.owners import with_new_names
+from uavbench.leaderboard.published import PAPER_SCENARIOS
+from uavbench.leaderboard.reruns import Rerun, load_reruns, save_rerun
 from uavbench.leaderboard.submission import SubmissionError, load_submission
+from uavbench.leaderboard.submit import submit
+from uavbench.run import run
 
+PUBLISHED = {("DDQN (paper)", scenario) for scenario in ("overall", *PAPER_SCENARIOS)}
+NAMES = ("Block8-CPP-v0", "Block8-DH-v0")
 OF_WEIGHTS = """
 from pathlib import Path
 class Agent:
@@ -33,6 +43,12 @@ def rows(folder):
     return list(csv.DictReader(io.StringIO((folder / "leaderboard.csv").read_text(encoding="utf-8"))))
 
 
+def rewrite(path, old, new):
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+
+
 def spoil(folder):
     (folder / "actions.npz").write_bytes(b"junk")
 
@@ -40,7 +56,7 @@ def spoil(folder):
 def test_a_board_is_built_beside_the_submissions_and_again_to_the_same_bytes(submissions):
     board = build(submissions, workers=2)
     folder = submissions.parent
-    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "leaderboard.csv", "submissions"]
+    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "leaderboard.csv", "owners.toml", "submissions"]
     assert board.refused == []
     found = {(row["scenario"], row["name"]): row for row in rows(folder)}
     for scenario in ("Block8-CPP-v0", "Block8-DH-v0"):
@@ -153,29 +169,75 @@ def test_numbers_are_those_of_the_replay(submissions):
     (copy / "episodes.csv").write_text("\n".join(",".join(line) for line in [head, *lines]) + "\n", encoding="utf-8")
     board = build(submissions)
     assert board.refused == []
-    assert board.alike == ["random/Block8-DH-v0 took the same actions as copy/Block8-DH-v0"]
+    assert board.alike == ["random/Block8-DH-v0 took the same actions as copy/Block8-DH-v0"]  # both are new
     found = {row["name"]: row for row in rows(submissions.parent) if row["scenario"] == "Block8-DH-v0"}
-    assert found["copy"]["rank"] == found["random"]["rank"]
+    assert found["copy"]["cral"] == found["random"]["cral"]
+    assert (found["copy"]["rank"], found["random"]["rank"]) == ("", "1")  # the first is not who it says to be
+
+
+def test_of_two_that_fly_alike_the_later_one_is_named(submissions):
+    """Not the one whose name comes later in the alphabet."""
+    build(submissions)
+    for name in ("copy", "another"):
+        shutil.copytree(submissions / "random" / "Block8-DH-v0", submissions / name / "Block8-DH-v0")
+        rewrite(submissions / name / "Block8-DH-v0" / "manifest.toml", 'name = "random"', f'name = "{name}"')
+        alike = build(submissions).alike
+    assert alike == [f"{name}/Block8-DH-v0 took the same actions as random/Block8-DH-v0" for name in ("copy", "another")]
 
 
 @pytest.mark.parametrize(("old", "new"), [('"A. Author"', '"M. Allory"'), ('link = ""', 'link = "https://example.org"')])
 def test_what_is_filed_together_is_of_one_hand(submissions, old, new):
-    manifest = submissions / "random" / "Block8-DH-v0" / "manifest.toml"
-    text = manifest.read_text(encoding="utf-8")
-    assert old in text
-    manifest.write_text(text.replace(old, new), encoding="utf-8")
+    build(submissions)
+    rewrite(submissions / "random" / "Block8-DH-v0" / "manifest.toml", old, new)
     (line,) = build(submissions).refused
-    assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): another than in random/Block8-CPP-v0", line)
+    assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): another than owners.toml says of this name", line)
 
 
-def test_a_strangers_folder_drives_nobody_out(submissions):
-    """Though it comes first."""
+def test_a_stranger_with_as_many_folders_does_not_drive_the_owner_out(submissions, results):
+    """Nor one with more, who comes first in the alphabet, or who deletes the owner's folders first."""
+    board = submissions.parent
+    shutil.move(submissions / "greedy" / "Block8-DH-v0", board / "spare")
+    build(submissions)
+    assert tomllib.loads((board / "owners.toml").read_text(encoding="utf-8"))["greedy"]["authors"] == ["A. Author", "B. Author"]
+    stranger = submissions / "greedy" / "Block8-DH-v0"
+    shutil.move(board / "spare", stranger)
+    rewrite(stranger / "manifest.toml", '"A. Author"', '"M. Allory"')
+    for strangers in (1, 2):
+        if strangers == 2:
+            rewrite(submissions / "greedy" / "Block8-CPP-v0" / "manifest.toml", '"A. Author"', '"M. Allory"')
+        refused = build(submissions).refused
+        assert [line.split(": ")[0] for line in refused] == [f"greedy/{name}" for name in NAMES[-strangers:]]
+        assert all("another than owners.toml says" in line for line in refused)
+        authors = {row["authors"] for row in rows(board) if row["name"] == "greedy"}
+        assert authors == ({"A. Author, B. Author"} if strangers == 1 else set())
+    shutil.rmtree(submissions / "greedy")
+    with pytest.raises(SubmissionError, match=r"authors: another than owners\.toml says of this name: choose another name"):
+        submit(results["greedy"], submissions, name="greedy", authors=["M. Allory"])
+    submit(results["greedy"], submissions, name="greedy", authors=["A. Author", "B. Author"])
+    assert build(submissions).refused == []
+
+
+def test_a_name_of_nobody_yet_goes_to_whoever_has_most_of_it_or_to_nobody(submissions):
     one = load_submission(submissions / "random" / "Block8-CPP-v0")
-    honest = [(replace(one, folder=submissions / "random" / name), []) for name in ("Mine-v0", "Yours-v0")]
+    honest = [replace(one, folder=submissions / "random" / name) for name in ("Mine-v0", "Yours-v0")]
     stranger = replace(one, manifest=one.manifest.model_copy(update={"authors": ("Mallory",)}))
-    kept, (line,) = _of_one_hand([(stranger, []), *honest])
-    assert kept == honest
-    assert line == "random/Block8-CPP-v0: manifest.toml: authors: another than in random/Mine-v0"
+    assert with_new_names({}, [stranger, *honest]) == {"random": one.manifest.hand}
+    assert with_new_names({"random": stranger.manifest.hand}, honest) == {"random": stranger.manifest.hand}
+    rewrite(submissions / "random" / "Block8-CPP-v0" / "manifest.toml", '"A. Author"', '"M. Allory"')
+    refused = build(submissions).refused
+    assert [line.split(": ", 1)[1] for line in refused] == [
+        "manifest.toml: authors: others hand in as much under this name: write in owners.toml whose it is"
+    ] * 2
+    assert "random" not in (submissions.parent / "owners.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("content", ["[greedy", "greedy = 1", "[greedy]\nname = 1", b"\xff"])
+def test_a_damaged_table_of_owners_is_an_error_and_stays(submissions, content):
+    path = submissions.parent / "owners.toml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(SubmissionError, match=r"owners\.toml: damaged"):
+        build(submissions)
+    assert [each.name for each in submissions.parent.iterdir() if each.name != "submissions"] == ["owners.toml"]
 
 
 @pytest.mark.parametrize("what", ["a board", "a homepage"])
@@ -240,6 +302,21 @@ def test_workers_find_the_same(submissions):
     assert one[1] == two[1]
 
 
+def test_a_submission_that_kills_the_process_that_reads_it_is_refused_and_no_other(submissions, tmp_path, monkeypatch):
+    deadly = "random/Block8-CPP-v0/episodes.csv"
+    hook = f"lambda event, args: event == 'open' and str(args[0]).endswith({deadly!r}) and os._exit(3)"
+    (tmp_path / "sitecustomize.py").write_text(f"import os, sys\nsys.addaudithook({hook})", encoding="utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
+    get_reusable_executor().shutdown(wait=True)  # so that the workers are new ones, which read that file at their start
+    try:
+        board = build(submissions, workers=2)
+    finally:
+        get_reusable_executor().shutdown(wait=True)
+    assert board.refused == ["random/Block8-CPP-v0: the process that read it died: it may take too much memory"]
+    found = {(row["name"], row["scenario"]) for row in rows(submissions.parent)}
+    assert found == {("greedy", "Block8-CPP-v0"), ("greedy", "Block8-DH-v0"), ("random", "Block8-DH-v0")} | PUBLISHED
+
+
 def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions):
     folder = submissions / "random"
     assert uavbench("leaderboard", "rerun", folder, "--agent", "random").exit_code == 0
@@ -250,7 +327,10 @@ def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions)
 
 
 def test_a_part_that_was_run_again_is_counted_but_is_no_rerun(submissions):
-    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", 7).exit_code == 0
+    assert (
+        uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", 7, "--fresh", 0).exit_code
+        == 0
+    )
     build(submissions)
     row = next(row for row in rows(submissions.parent) if row["name"] == "random")
     assert (row["tier"], row["rerun_episodes"]) == ("replayed", "7")
@@ -258,9 +338,23 @@ def test_a_part_that_was_run_again_is_counted_but_is_no_rerun(submissions):
 
 def test_a_shorter_rerun_does_not_take_back_a_longer_one(submissions):
     for count in (5, 9, 3):
-        told = uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", count)
+        told = uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", count, "--fresh", 0)
         assert told.exit_code == 0
     assert {rerun.episodes for rerun in load_reruns(submissions.parent / "reruns.csv").values()} == {9}
+
+
+def test_an_interrupted_rerun_writes_down_what_was_compared(submissions, monkeypatch):
+    seen = []
+
+    def advance(progress, cral):
+        seen.append(cral)
+        if len(seen) == 6:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("uavbench.progress.EpisodesProgress.advance", advance)
+    told = uavbench("leaderboard", "rerun", submissions / "greedy" / NAMES[0], "--agent", "greedy", "--episodes", 20)
+    assert (told.exit_code, "interrupted; that the actions of 6 episodes are the same" in told.output) == (1, True), told.output
+    assert [rerun.episodes for rerun in load_reruns(submissions.parent / "reruns.csv").values()] == [6]
 
 
 @pytest.mark.parametrize(
@@ -286,7 +380,7 @@ def test_an_agent_is_run_again_with_the_weights_it_flew_with(tmp_path):
     out = ("--out", tmp_path / "board" / "submissions")
     told = uavbench("submit", *(tmp_path / "results" / "Block8-CPP-v0").iterdir(), "--name", "Mine", "--authors", "A", *out)
     assert told.exit_code == 0, told.output
-    again = ("leaderboard", "rerun", tmp_path / "board" / "submissions" / "mine", *agent, "--episodes", 5)
+    again = ("leaderboard", "rerun", tmp_path / "board" / "submissions" / "mine", *agent, "--episodes", 5, "--fresh", 0)
     for given, wrong in (((), "weights are given by --weights"), (("--weights", tmp_path / "others"), "agent_sha256: ")):
         told = uavbench(*again, *given)
         assert (told.exit_code, wrong in told.output) == (1, True), told.output
@@ -319,6 +413,7 @@ def test_a_rerun_of_other_actions_does_not_count(submissions):
     for name in ("actions.npz", "episodes.csv", "manifest.toml"):
         content = (submissions / "greedy" / "Block8-CPP-v0" / name).read_bytes()
         (submissions / "random" / "Block8-CPP-v0" / name).write_bytes(content.replace(b'name = "greedy"', b'name = "random"'))
+    shutil.rmtree(submissions / "random" / "Block8-DH-v0")  # of the other track
     build(submissions)
     row = next(row for row in rows(submissions.parent) if (row["name"], row["scenario"]) == ("random", "Block8-CPP-v0"))
     assert row["tier"] == "replayed"
@@ -336,6 +431,123 @@ def test_a_rerun_on_another_track_does_not_count(submissions, scenario):
     assert (row["track"], row["tier"], row["rerun_episodes"]) == ("state", "replayed", "0")
 
 
+PLAYBACK = """
+import numpy as np
+
+class Agent:
+    track = "observation"
+
+    def __init__(self, scenario):
+        with np.load({folder!r} + "/actions.npz") as table:
+            self.actions = np.split(table["actions"][:, 0], table["offsets"][1:-1])
+
+    def reset(self, info):
+        self.flight = iter(self.actions[info["episode"]].tolist())
+
+    def act(self, observation, info):
+        return next(self.flight, 5)
+"""
+PEEKS = """
+import gc
+
+class Agent:
+    track = "observation"
+    simulator = None
+
+    def __init__(self, scenario):
+        pass
+
+    def act(self, observation, info):
+        if self.simulator is None:
+            self.simulator = any(type(each).__name__ == "Simulator" for each in gc.get_objects())
+        return 4 if self.simulator else int(info["action_mask"].argmax())
+"""
+
+
+def submitted(submissions, folder, name, text):
+    """Evaluate and submit an agent on Block8-CPP-v0; return its file."""
+    path = folder / f"{name}.py"
+    path.write_text(text, encoding="utf-8")
+    result = run(Job(find_agent(str(path)), load_scenario("Block8-CPP-v0"), "test"), 1000, folder / "results")
+    submit([result], submissions, name=name, authors=["M. Allory"])
+    return path
+
+
+def row_of(submissions, name, scenario="Block8-CPP-v0"):
+    return next(row for row in rows(submissions.parent) if (row["name"], row["scenario"]) == (name, scenario))
+
+
+def test_an_agent_that_plays_back_public_flights_is_found_out_on_fresh_episodes(submissions, tmp_path):
+    path = submitted(submissions, tmp_path, "playback", PLAYBACK.format(folder=str(submissions / "greedy" / "Block8-CPP-v0")))
+    board = build(submissions)
+    assert board.alike == ["playback/Block8-CPP-v0 took the same actions as greedy/Block8-CPP-v0"]
+    row = row_of(submissions, "playback")
+    assert (row["rank"], row["track_known_by"], row["tier"]) == ("", "claim", "replayed")
+    assert "is a claim, until the agent is run again" in row["note"]
+    told = uavbench("leaderboard", "rerun", submissions / "playback", "--agent", path, "--fresh", 50, "--key", 11)
+    assert told.exit_code == 0, told.output
+    assert "on 50 fresh episodes DOES NOT AGREE with the submitted one: -" in told.output
+    build(submissions)
+    row = row_of(submissions, "playback")
+    assert (row["rank"], row["tier"], row["rerun_episodes"], row["fresh_episodes"]) == ("", "replayed", "1000", "50")
+    assert float(row["fresh_difference_high"]) < -10
+    assert "DOES NOT AGREE" in row["note"]
+    assert row_of(submissions, "random")["rank"] == "1"  # of its track: it comes with uavbench
+
+
+def test_an_agent_that_looks_for_the_simulator_finds_none_when_it_is_run_again(submissions, tmp_path):
+    path = submitted(submissions, tmp_path, "peeks", PEEKS)
+    told = uavbench("leaderboard", "rerun", submissions / "peeks", "--agent", path, "--episodes", 3, "--fresh", 0)
+    assert (told.exit_code, "acts otherwise from step 0 on" in told.output) == (1, True), told.output
+
+
+def test_an_honest_agent_is_ranked_when_it_was_run_again(submissions, tmp_path):
+    text = (Path(__file__).parents[1] / "agents.py").read_text(encoding="utf-8").replace("class One", "class Agent")
+    path = submitted(submissions, tmp_path, "honest", text.split("class Many")[0])
+    told = uavbench("leaderboard", "rerun", submissions / "honest", "--agent", path, "--fresh", 100)
+    assert (told.exit_code, "on 100 fresh episodes agrees with the submitted one" in told.output) == (0, True), told.output
+    build(submissions)
+    row = row_of(submissions, "honest")
+    assert (row["tier"], row["track_known_by"], row["note"]) == ("rerun", "rerun", "")
+    assert row["rank"]
+    found = load_reruns(submissions.parent / "reruns.csv")["honest/Block8-CPP-v0"]
+    assert (found.fresh, found.agrees) == (100, True)
+    assert found.fresh_key > 2**40  # by chance, so that nobody knows it before
+    told = uavbench("leaderboard", "rerun", submissions / "honest", "--agent", path, "--episodes", 2, "--fresh", 0)
+    assert load_reruns(submissions.parent / "reruns.csv")["honest/Block8-CPP-v0"] == found
+
+
+def test_a_built_in_agent_is_known_by_its_name_digest_and_track(submissions):
+    build(submissions)
+    assert row_of(submissions, "random")["track_known_by"] == row_of(submissions, "greedy")["track_known_by"] == "built-in"
+    for name, old, new in (
+        ("greedy", 'track = "state"', 'track = "observation"'),
+        ("random", 'agent_sha256 = "', 'agent_sha256 = "0'),
+        ("random", 'agent = "random"', 'agent = "greedy"'),
+    ):
+        copy = submissions.parent / "copy" / name / "Block8-CPP-v0"
+        shutil.copytree(submissions / name / "Block8-CPP-v0", copy)
+        manifest = copy / "manifest.toml"
+        rewrite(manifest, old, new)
+        manifest.write_text(
+            re.sub(r'(agent_sha256 = ".{64}).*"', r'\1"', manifest.read_text(encoding="utf-8")), encoding="utf-8"
+        )
+        assert not is_built_in(load_submission(copy))
+        shutil.rmtree(copy)
+
+
+def test_reruns_of_before_there_were_fresh_episodes_are_read(submissions):
+    path = submissions.parent / "reruns.csv"
+    path.write_text("submission,track,agent_sha256,actions_sha256,episodes\na/b,state,0,1,7\n", encoding="utf-8")
+    assert load_reruns(path) == {"a/b": Rerun("a/b", "state", "0", "1", 7)}
+    save_rerun(path, Rerun("c/d", "state", "2", "3", 1000, 200, 2**61, 0.5, -0.1, -0.2, 0.0))
+    assert load_reruns(path)["a/b"].agrees
+    assert load_reruns(path)["c/d"].fresh_key == 2**61
+    path.write_text(path.read_text(encoding="utf-8").replace("-0.2", "nan"), encoding="utf-8")
+    with pytest.raises(SubmissionError, match=r"reruns\.csv: damaged in line 3"):
+        load_reruns(path)
+
+
 def test_a_damaged_table_of_reruns_is_an_error(submissions):
     (submissions.parent / "reruns.csv").write_text("submission,episodes\na,b\n")
     with pytest.raises(SubmissionError, match=r"reruns\.csv: damaged"):
@@ -343,7 +555,10 @@ def test_a_damaged_table_of_reruns_is_an_error(submissions):
 
 
 def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submissions, monkeypatch):
-    path, words = submissions.parent / "reruns.csv", ("leaderboard", "rerun", submissions / "random", "--agent", "random")
+    path, words = (
+        submissions.parent / "reruns.csv",
+        ("leaderboard", "rerun", submissions / "random", "--agent", "random", "--fresh", 0),
+    )
     assert uavbench(*words, "--episodes", 2).exit_code == 0
     good = path.read_text(encoding="utf-8")
     with monkeypatch.context() as patch:

@@ -11,6 +11,7 @@ import pytest
 from uavbench import load_scenario
 from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.ranking import OVERALL, Entry, rank
+from uavbench.leaderboard.reruns import Rerun
 from uavbench.leaderboard.submission import Manifest, Submission, Summary
 from uavbench.leaderboard.table import COLUMNS, table_text
 from uavbench.metrics import interquartile_mean, mean_interval, paired_p_value, proportion_interval, significant
@@ -20,13 +21,14 @@ RANDOM = np.random.default_rng(7)
 BASE = {name: RANDOM.random(1000) for name in PAPER_SCENARIOS}
 
 
-def entry(name, scenario, cral, track="state", folder=None, training=""):
+def entry(name, scenario, cral, track="state", folder=None, training="", known_by="rerun"):
     """An entry of made-up scores, in which every episode landed."""
     table = pd.DataFrame({"episode": range(1000), "landed": 1, "cr": cral, "cral": cral, "steps": 50})
-    said = Summary.model_construct(track=track, decisions_per_second=100.0, split="test", scenario=scenario)
+    told = {"agent": name, "agent_sha256": "", "decisions_per_second": 100.0, "split": "test", "scenario": scenario}
+    said = Summary.model_construct(track=track, **told)
     manifest = Manifest.model_construct(name=name, authors=("A",), training=training, result=said)
     made = Entry(Submission(folder, manifest, Result(folder, {}), load_scenario(scenario)), [], None)
-    made.__dict__["table"] = table
+    made.__dict__.update(table=table, track_known_by=known_by)
     return made
 
 
@@ -63,6 +65,40 @@ def test_tracks_are_apart_and_overall_needs_all_four_scenarios():
     means = [row.cral.mean for row in rows if row.name == "all" and row.scenario != OVERALL]
     assert overall.cral.mean == pytest.approx(np.mean(means), abs=1e-12)
     assert overall.episodes == 4000
+
+
+def test_a_claimed_track_has_no_rank_and_changes_no_other():
+    """On the observation track: who sees the state sees everything, and claims nothing."""
+    claimed = agent("claimed", 0.5, track="observation")
+    for each in claimed[1:]:
+        each.__dict__["track_known_by"] = "claim"
+    others = [*agent("best", 0.4, track="observation"), *agent("good", 0.3, track="observation")]
+    rows = rank([*claimed, *others])
+    first = PAPER_SCENARIOS[0]
+    assert ranks(rows, first, "observation") == {"claimed": 1, "best": 2, "good": 3}
+    for scenario in (OVERALL, *PAPER_SCENARIOS[1:]):
+        assert ranks(rows, scenario, "observation") == {"best": 1, "good": 2}
+        shown = [row for row in rows if row.scenario == scenario and row.tier != "published"]
+        assert [(row.name, row.track_known_by) for row in shown] == [("claimed", "claim"), ("best", "rerun"), ("good", "rerun")]
+        assert "is a claim, until the agent is run again: " in shown[0].note
+        assert shown[1].note == ""
+    for each in claimed:
+        each.submission.manifest.result.__dict__["track"] = "state"
+    assert ranks(rank([*claimed, *others]), OVERALL) == {"claimed": 1}
+
+
+def test_a_score_that_fresh_episodes_contradict_has_no_rank(monkeypatch):
+    monkeypatch.setattr("uavbench.leaderboard.ranking.actions_digest", lambda submission: "2")
+    entries = [*agent("copy", 0.5), *agent("good", 0.3)]
+    entries[0] = replace(entries[0], rerun=Rerun("copy/x", "state", "", "2", 1000, 200, 1, 0.4, -0.3, -0.4, -0.2))
+    entries[0].__dict__["table"] = pd.DataFrame(
+        dict.fromkeys(("landed", "cr", "cral", "steps", "episode"), BASE[PAPER_SCENARIOS[0]])
+    )
+    rows = rank(entries)
+    assert ranks(rows, PAPER_SCENARIOS[0]) == ranks(rows, OVERALL) == {"good": 1}
+    row = next(row for row in rows if row.name == "copy" and row.scenario == PAPER_SCENARIOS[0])
+    assert (row.tier, row.fresh_episodes, row.fresh_difference.mean) == ("replayed", 200, -0.3)
+    assert "CRAL 40.00 on 200 fresh episodes DOES NOT AGREE with the submitted one: -30.00 [-40.00, -20.00]" in row.note
 
 
 def test_what_is_said_of_training_stands_by_scenario_where_it_differs():

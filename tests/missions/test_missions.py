@@ -148,7 +148,7 @@ def test_pictures_say_what_the_mission_says(patrol):
     labels = [entry.get_label() for entry in legend(recorded_scenes(result, 0, str(patrol))[-1])]
     assert {"site that pays", "site that was seen", "movement"} < set(labels)
     assert not [label for label in labels if "device" in label or "cover" in label]
-    amounts = _amounts(_compare([result], [], str(patrol)))
+    amounts = _amounts(_compare([result], str(patrol), {}))
     assert set(amounts) <= {5, 6, 7, 8}
 
 

@@ -1,10 +1,9 @@
 """Upper bounds of a scenario's test episodes, many at once."""
 
-from collections.abc import Generator, Iterable, Sequence
-from functools import partial
-from typing import Any, NamedTuple, cast
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-import joblib  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +11,7 @@ from uavbench.bounds.coverage import coverage_bound
 from uavbench.bounds.harvesting import harvesting_bound
 from uavbench.metrics import tolerance
 from uavbench.planning import coverage
+from uavbench.processes import work_apart
 from uavbench.reference import SPLIT, Known, Reference
 from uavbench.replay import fly_recorded
 from uavbench.results import Result
@@ -61,13 +61,24 @@ def bound_episodes(
     """
     flights = _best_flights(results) if scenario.mission.kind == "coverage" else {}
     tasks = [(number, known.get(number, Known(number)).best_known, flights.get(number)) for number in numbers]
-    bound = partial(_bound, scenario, seconds=seconds)
+    bounder = _Bounder(scenario, seconds)
     if workers == 1:
-        yield from (bound(*task) for task in tasks)
-        return
-    parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
-    delayed: Any = cast("Any", joblib).delayed(bound)
-    yield from parallel(delayed(*task) for task in tasks)
+        for task in tasks:
+            yield from bounder(task)
+    else:
+        yield from work_apart(bounder, tasks, workers)
+
+
+@dataclass(frozen=True)
+class _Bounder:
+    """Bounds an episode, in whichever process."""
+
+    scenario: Scenario
+    seconds: float
+
+    def __call__(self, task: tuple[int, float, NDArray[np.uint8] | None], _shown: Any = None) -> Iterator[EpisodeBound]:
+        """Yield the bound of an episode, given its number, the best known CRAL and the actions of a flight."""
+        yield _bound(self.scenario, *task, seconds=self.seconds)
 
 
 def _best_flights(results: Iterable[Result]) -> dict[int, NDArray[np.uint8]]:

@@ -117,7 +117,8 @@ def build(
 @app.command(
     epilog="\b\nExamples:\n  uavbench leaderboard rerun leaderboard/submissions/greedy --agent greedy\n"
     "  uavbench leaderboard rerun leaderboard/submissions/planner --agent planner --episodes 100 --workers 2\n"
-    "  uavbench leaderboard rerun leaderboard/submissions/my-agent --agent my_agent.py --weights my_weights.pt"
+    "  uavbench leaderboard rerun leaderboard/submissions/my-agent --agent my_agent.py --weights my_weights.pt\n"
+    "  uavbench leaderboard rerun leaderboard/submissions/my-agent --agent my_agent.py --fresh 500"
 )
 def rerun(
     folder: _Submissions,
@@ -127,20 +128,27 @@ def rerun(
     ],
     weights: Annotated[Path | None, typer.Option(help="What the agent's own file flew with.")] = None,
     episodes: Annotated[int | None, typer.Option(min=1, help="How many, from 0 on; by default all.")] = None,
+    fresh: Annotated[int, typer.Option(min=0, help="How many episodes that nobody has published.")] = 200,
+    key: Annotated[
+        int | None, typer.Option(min=0, help="What they are drawn from: use a long number, once; by default a random one.")
+    ] = None,
     workers: _Workers = 1,
     decision_timeout: DecisionTimeout = 60.0,
 ) -> None:
-    """Execute a submission's agent again, and compare every action.
+    """Execute a submission's agent again, compare every action, and let it fly episodes that nobody has published.
 
-    Where it takes the same ones, that is written down in reruns.csv beside the folder of all submissions, and the next build
-    shows the tier "rerun".
+    Where it takes the same actions, that is written down in reruns.csv beside the folder of all submissions, and the next build
+    shows the tier "rerun", unless the score on the fresh episodes is another one. An agent on the observation track runs in a
+    process of its own, which holds no simulator.
+
+    This executes a stranger's code: do it in a container without a network (docs/leaderboard.md).
     """
     from rich.console import Console
 
     from uavbench import UavbenchError
     from uavbench.agent import find_agent
     from uavbench.leaderboard.board import submission_folders
-    from uavbench.leaderboard.reruns import check_reruns, fly_again, save_rerun
+    from uavbench.leaderboard.reruns import RerunInterrupted, check_reruns, fly_again, fresh_text, save_rerun
     from uavbench.leaderboard.submission import load_submission
     from uavbench.progress import episodes_progress
 
@@ -152,11 +160,18 @@ def rerun(
             check_reruns(kept)
             count = min(episodes or submission.manifest.result.episodes, submission.manifest.result.episodes)
             with episodes_progress(Console(stderr=True), submission.label, "CRAL") as progress:
-                progress.show(count)
-                found = fly_again(
-                    submission, source, count, workers, decision_timeout, lambda record: progress.advance(record.cral)
-                )
+                progress.show(count + fresh)
+                told = submission, source, count, workers, decision_timeout
+                try:
+                    found = fly_again(*told, lambda record: progress.advance(record.cral), fresh, key)
+                except RerunInterrupted as interrupted:
+                    if interrupted.rerun.episodes:
+                        save_rerun(kept, interrupted.rerun)
+                    done = f"that the actions of {interrupted.rerun.episodes} episodes are the same stands in {kept}"
+                    raise fail(f"interrupted; {done}", 1) from None
             save_rerun(kept, found)
             typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes; it stands in {kept}")
+            if fresh:
+                typer.echo(f"{submission.label}: {fresh_text(found)}")
     except UavbenchError as error:
         raise fail(error, 1) from None

@@ -1,7 +1,9 @@
 """The leaderboard from a folder of submissions: everything is replayed, what is refused is named, the rest is built."""
 
 import contextlib
-from collections.abc import Callable, Sequence
+import multiprocessing
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures.process import BrokenProcessPool, ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -9,7 +11,9 @@ from typing import Any, cast
 import joblib  # pyright: ignore[reportMissingTypeStubs]
 
 from uavbench.evaluate import EpisodeRecord
-from uavbench.files import write_together
+from uavbench.files import finish_moves, write_together
+from uavbench.leaderboard.owners import FILE as OWNERS
+from uavbench.leaderboard.owners import Owners, load_owners, owners_text, why_not_its_own, with_new_names
 from uavbench.leaderboard.page import page_text
 from uavbench.leaderboard.ranking import Entry, Row, rank
 from uavbench.leaderboard.reruns import load_reruns
@@ -53,6 +57,8 @@ def submission_folders(folder: Path) -> list[Path]:
 def _inner(outer: Path) -> list[Path]:
     """Return what an agent's folder holds; nothing of what is none or cannot be read, which is refused as a submission then."""
     closed = outer.name.startswith(".") or outer.is_symlink() or not outer.is_dir() or _is_one(outer)
+    if not closed:
+        finish_moves(outer)
     with contextlib.suppress(OSError):
         return [] if closed else sorted(outer.iterdir())
     return []
@@ -73,9 +79,7 @@ def verify(
     """Read and replay submissions; return those that hold, and why the others are refused, a line each."""
     held: list[Held] = []
     refused: list[str] = []
-    parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator")
-    look: Any = cast("Any", joblib).delayed(_look)
-    for folder, found in zip(folders, parallel(look(folder) for folder in folders), strict=True):
+    for folder, found in zip(folders, _looks(folders, workers), strict=True):
         if isinstance(found, str):
             refused.append(found)
         else:
@@ -84,8 +88,35 @@ def verify(
     return held, refused
 
 
+def _looks(folders: Sequence[Path], workers: int) -> Generator[Held | str]:
+    """Look at submissions in several processes, in their order. One that kills its process is refused, and no other.
+
+    When a process dies, nobody knows of which submission: so the first that is open is looked at in a process of its own.
+    """
+    look: Any = cast("Any", joblib).delayed(_look)
+    done = 0
+    while done < len(folders):
+        parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator")
+        try:
+            for found in parallel(look(folder) for folder in folders[done:]):
+                yield found
+                done += 1
+        except BrokenProcessPool:
+            yield _look_alone(folders[done])
+            done += 1
+
+
+def _look_alone(folder: Path) -> Held | str:
+    """Look at a submission in a process of its own."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        try:
+            return pool.submit(_look, folder).result()
+        except BrokenProcessPool:
+            return _line(f"{folder.parent.name}/{folder.name}: the process that read it died: it may take too much memory")
+
+
 def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None] = lambda folder: None) -> Board:
-    """Replay all submissions, then write ``leaderboard.csv`` and ``index.html`` beside their folder.
+    """Replay all submissions, then write ``leaderboard.csv``, ``index.html`` and ``owners.toml`` beside their folder.
 
     When all are refused the board has no rows, and what was there stays.
 
@@ -99,44 +130,44 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     folder, inner = submissions.resolve().parent, [path for path in submissions.glob("*") if path.is_dir()]
     if submissions.is_dir() and (_is_one(submissions) or (inner and all(_is_one(path) for path in inner))):
         raise SubmissionError(f"{submissions}: one agent's submissions: give the folder of all, in which it is")
+    finish_moves(folder)
     found, refused = verify(submission_folders(submissions), workers, on_checked)
-    held, others = _of_one_hand(found)
+    owners = with_new_names(load_owners(folder / OWNERS), [submission for submission, _ in found])
+    held, others = _owned(found, owners)
     if not held:
         return Board([], [*refused, *others], [])
     reruns = load_reruns(folder / "reruns.csv")
     entries = [Entry(submission, flown, reruns.get(submission.label)) for submission, flown in held]
     rows = rank(entries)
-    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries)}
+    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries), OWNERS: owners_text(owners)}
     try:
         write_together({folder / name: text.encode() for name, text in texts.items()})
     except OSError as error:
         raise SubmissionError(f"{error.filename or folder}: cannot write it: {error.strerror or error}") from None
-    return Board(rows, [*refused, *others], _alike(held))
+    return Board(rows, [*refused, *others], _alike(held, list(owners)))
 
 
-def _of_one_hand(held: Sequence[Held]) -> tuple[list[Held], list[str]]:
-    """Return the submissions, and a line for each that is filed with more of another author, link or track."""
-    alike: dict[str, dict[str, list[Submission]]] = {}
-    for submission, _ in held:
-        of_name = alike.setdefault(submission.folder.parent.name, {})
-        of_name.setdefault(repr(submission.manifest.hand), []).append(submission)
+def _owned(held: Sequence[Held], owners: Owners) -> tuple[list[Held], list[str]]:
+    """Return the submissions whose name is their authors', and a line for each of the others."""
     kept: list[Held] = []
     refused: list[str] = []
     for submission, flown in held:
-        one = max(alike[submission.folder.parent.name].values(), key=len)[0]  # so that a stranger's folder drives nobody out
-        differs = [name for name, value in submission.manifest.hand.items() if value != one.manifest.hand[name]]
-        if differs:
-            refused.append(_line(f"{submission.label}: {MANIFEST}: {differs[0]}: another than in {one.label}"))
+        reason = why_not_its_own(submission.manifest, submission.folder.parent.name, owners)
+        if reason:
+            refused.append(_line(f"{submission.label}: {reason}"))
         else:
             kept.append((submission, flown))
     return kept, refused
 
 
-def _alike(held: Sequence[Held]) -> list[str]:
-    """Return a line for each submission that took the same actions as another on all episodes."""
+def _alike(held: Sequence[Held], names: Sequence[str]) -> list[str]:
+    """Return a line for each submission that took the same actions as another on all episodes: as one of an older name.
+
+    ``names`` are those of all folders, the oldest first.
+    """
     first: dict[tuple[str, bytes], str] = {}
     found: list[str] = []
-    for submission, flown in held:
+    for submission, flown in sorted(held, key=lambda each: names.index(each[0].folder.parent.name)):
         actions = b"|".join(record.actions.tobytes() for record in flown)
         one = first.setdefault((submission.scenario.id, actions), submission.label)
         if one != submission.label:

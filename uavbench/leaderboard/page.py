@@ -64,7 +64,8 @@ def _row(row: Row, folder: str | None) -> dict[str, Any]:
     percent = {name: _percent(getattr(row, name)) for name in ("landed", "cr", "cral")}
     single = {name: _scaled(getattr(row, name)) for name in ("iqm", "gap_to_best", "gap_to_bound")}
     plain = asdict(replace(row, landed=None, cr=None, cral=None))  # pyright: ignore[reportArgumentType]
-    return {**plain, **percent, **single, "entry": folder}
+    fresh = row.fresh_difference and _percent(row.fresh_difference)
+    return {**plain, **percent, **single, "fresh_difference": fresh, "entry": folder}
 
 
 def _percent(interval: Interval) -> list[float | None]:

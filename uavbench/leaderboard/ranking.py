@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from uavbench.agent import TRACKS
 from uavbench.evaluate import EpisodeRecord
+from uavbench.leaderboard.claims import is_built_in
 from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
-from uavbench.leaderboard.reruns import Rerun, actions_digest
+from uavbench.leaderboard.reruns import Rerun, actions_digest, fresh_text
 from uavbench.leaderboard.submission import Submission
 from uavbench.metrics import (
     ROUNDING,
@@ -45,14 +46,23 @@ class Row:
         Its id, or `OVERALL`.
     track : str
         What the agent saw.
+    track_known_by : str
+        How that is known: "built-in" (an agent that comes with uavbench), "rerun", "published", or "claim": nobody knows.
     rank : int, optional
-        In its scenario and track; agents whose difference is not significant share one. None for published figures.
+        In its scenario and track; agents whose difference is not significant share one. None for published figures, and where
+        ``note`` says why.
     name, authors, link, training : str
         What the submission says of itself.
     tier : str
         One of `TIERS`.
     rerun_episodes : int
         On how many episodes the agent itself took the same actions again.
+    fresh_episodes : int
+        How many episodes it has flown besides that nobody had published.
+    fresh_difference : Interval, optional
+        Mean CRAL on these − mean CRAL on the submitted ones, with its 99 % interval; None where there are none, and overall.
+    note : str
+        Why it has no rank; nothing where it has one.
     episodes : int
         How many it is the mean of.
     landed, cr, cral : Interval
@@ -62,7 +72,7 @@ class Row:
     steps : float, optional
         Mean of the actions that an episode took.
     decisions_per_second : float, optional
-        As measured where it was flown.
+        As claimed: nobody can replay a time.
     gap_to_best, gap_to_bound : float, optional
         Mean of what CRAL falls short of the best known flight, and of the upper bound, over the episodes that have one.
     compared, bounded : int
@@ -71,6 +81,7 @@ class Row:
 
     scenario: str
     track: str
+    track_known_by: str
     rank: int | None
     name: str
     authors: str
@@ -78,6 +89,9 @@ class Row:
     training: str
     tier: str
     rerun_episodes: int
+    fresh_episodes: int
+    fresh_difference: Interval | None
+    note: str
     episodes: int
     landed: Interval
     cr: Interval
@@ -111,16 +125,33 @@ class Entry:
         """Return a column over the episodes."""
         return self.table[column].to_numpy(np.float64)
 
-    @property
-    def rerun_episodes(self) -> int:
-        """On how many episodes these very actions were taken again."""
+    @cached_property
+    def confirmed(self) -> Rerun | None:
+        """The rerun of these very actions, by the agent and on the track that the manifest says; None where there is none."""
         found, manifest = self.rerun, self.submission.manifest
         same = found and (found.track, found.agent_sha256, found.actions_sha256) == (
             manifest.result.track,
             manifest.result.agent_sha256,
             actions_digest(self.submission),
         )
-        return found.episodes if found and same else 0
+        return found if same else None
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the agent has another score on episodes that nobody had published."""
+        return self.confirmed is not None and not self.confirmed.agrees
+
+    @property
+    def rerun_episodes(self) -> int:
+        """On how many episodes these very actions were taken again."""
+        return self.confirmed.episodes if self.confirmed else 0
+
+    @cached_property
+    def track_known_by(self) -> str:
+        """How it is known what the agent saw, as in `Row`."""
+        if self.rerun_episodes == len(self.table) and not self.contradicted:
+            return "rerun"
+        return "built-in" if is_built_in(self.submission) else "claim"
 
 
 def rank(entries: Iterable[Entry]) -> list[Row]:
@@ -132,7 +163,9 @@ def rank(entries: Iterable[Entry]) -> list[Row]:
         for track in TRACKS:
             groups = _complete(found, parts, track)
             ordered = sorted(groups, key=lambda group: -round(_together(group, "cral").mean() / ROUNDING))
-            rows += [_row(scenario, number, group) for number, group in zip(_ranks(ordered), ordered, strict=True)]
+            ranked = [group for group in ordered if not _why_unranked(group)]
+            ranks = {id(group): number for number, group in zip(_ranks(ranked), ranked, strict=True)}
+            rows += [_row(scenario, ranks.get(id(group)), group) for group in ordered]
         if scenario in (OVERALL, *TABLE_3):
             rows.append(_published(scenario, parts))
     return rows
@@ -172,22 +205,39 @@ def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
     return ranks
 
 
-def _row(scenario: str, number: int, group: Sequence[Entry]) -> Row:
+def _why_unranked(group: Sequence[Entry]) -> str:
+    """Return why an agent has no rank; nothing where it may have one."""
+    for entry in group:
+        if entry.confirmed and entry.contradicted:
+            return f"not ranked: {entry.submission.scenario.id}: {fresh_text(entry.confirmed)}"
+    claimed = [entry.submission.scenario.id for entry in group if entry.track_known_by == "claim"]
+    if group[0].submission.manifest.result.track == "observation" and claimed:
+        return f"not ranked: that it sees the observation alone is a claim, until the agent is run again: {', '.join(claimed)}"
+    return ""
+
+
+def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
     """Return the row of an agent: the mean over its scenarios."""
     first = group[0].submission.manifest
-    again = [entry.rerun_episodes for entry in group]
+    known_by = {entry.track_known_by for entry in group}
+    reruns = [entry.confirmed for entry in group if entry.confirmed]
+    apart = reruns[0] if len(group) == 1 and reruns and reruns[0].fresh else None
     count = [len(entry.table) for entry in group]
     known = [gaps_of(entry.submission.scenario, entry.table) for entry in group]
     return Row(
         scenario=scenario,
         track=first.result.track,
+        track_known_by=next(each for each in ("claim", "built-in", "rerun") if each in known_by),
         rank=number,
         name=first.name,
         authors=", ".join(first.authors),
         link=first.link,
         training=_training(group),
-        tier="rerun" if again == count else "replayed",
-        rerun_episodes=sum(again),
+        tier="rerun" if known_by == {"rerun"} else "replayed",
+        rerun_episodes=sum(entry.rerun_episodes for entry in group),
+        fresh_episodes=sum(rerun.fresh for rerun in reruns),
+        fresh_difference=apart and Interval(apart.difference, apart.difference_low, apart.difference_high),
+        note=_why_unranked(group),
         episodes=sum(count),
         landed=proportion_interval(_together(group, "landed")),
         cr=mean_interval(_together(group, "cr")),
@@ -221,6 +271,7 @@ def _published(scenario: str, parts: Sequence[str]) -> Row:
     return Row(
         scenario=scenario,
         track="observation",
+        track_known_by="published",
         rank=None,
         name=NAME,
         authors=AUTHORS,
@@ -228,6 +279,9 @@ def _published(scenario: str, parts: Sequence[str]) -> Row:
         training="",
         tier="published",
         rerun_episodes=0,
+        fresh_episodes=0,
+        fresh_difference=None,
+        note="",
         episodes=1000 * len(parts),
         landed=mean(lambda part: TABLE_3[part].landed),
         cr=mean(lambda part: TABLE_3[part].cr),

@@ -121,7 +121,7 @@ class Manifest(Record):
     @property
     def hand(self) -> dict[str, Any]:
         """What must be the same in all scenarios of a name."""
-        return {"name": self.name, "authors": self.authors, "link": self.link, "track": self.result.track}
+        return {"name": self.name, "authors": list(self.authors), "link": self.link, "track": self.result.track}
 
 
 @dataclass(frozen=True)

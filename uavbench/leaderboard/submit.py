@@ -14,6 +14,8 @@ import tomli_w
 from pydantic import ValidationError
 
 from uavbench.files import replace_folders
+from uavbench.leaderboard.owners import FILE as OWNERS
+from uavbench.leaderboard.owners import Owners, load_owners, why_not_its_own
 from uavbench.leaderboard.submission import (
     LARGEST,
     MANIFEST,
@@ -62,7 +64,9 @@ def submit(
                 check(submission)
                 on_checked(submission.folder)
             folders = [submissions / new.relative_to(staging) for new in made]
-            _check_hand([submission.manifest for submission in loaded], folders)
+            manifests = [submission.manifest for submission in loaded]
+            _check_hand(manifests, folders)
+            _check_owner(manifests[0], load_owners(submissions.resolve().parent / OWNERS))
             folders[0].parent.mkdir(exist_ok=True)
             replace_folders(dict(zip(folders, made, strict=True)))
     except OSError as error:
@@ -96,6 +100,13 @@ def _check_hand(made: Sequence[Manifest], folders: Sequence[Path]) -> None:
         strange = sorted({path.name for path in folder.glob("*")} - set(LARGEST))
         if strange:
             raise SubmissionError(f"{folder}: holds {strange[0]!r}, which is of no submission: move it away first")
+
+
+def _check_owner(manifest: Manifest, owners: Owners) -> None:
+    """Refuse a name that the board knows as somebody else's: the next build would."""
+    reason = why_not_its_own(manifest, manifest.folder, owners) if manifest.folder in owners else None
+    if reason:
+        raise SubmissionError(reason)
 
 
 def _names(authors: object) -> str:

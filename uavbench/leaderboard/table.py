@@ -9,9 +9,10 @@ from uavbench.leaderboard.ranking import Row
 from uavbench.metrics import METRICS, Interval
 
 COLUMNS = (
-    *("scenario", "track", "rank", "name", "authors", "link", "training", "tier", "rerun_episodes", "episodes"),
+    *("scenario", "track", "track_known_by", "rank", "name", "authors", "link", "training", "tier", "rerun_episodes"),
+    *("fresh_episodes", "fresh_difference", "fresh_difference_low", "fresh_difference_high", "note", "episodes"),
     *(f"{name}{part}" for name in METRICS for part in ("", "_low", "_high")),
-    *("iqm", "steps", "decisions_per_second", "gap_to_best_known", "gap_to_bound", "compared", "bounded"),
+    *("iqm", "steps", "decisions_per_second_claimed", "gap_to_best_known", "gap_to_bound", "compared", "bounded"),
 )
 
 
@@ -23,9 +24,11 @@ def table_text(rows: Sequence[Row]) -> str:
     for row in rows:
         writer.writerow(
             [
-                *(row.scenario, row.track, "" if row.rank is None else row.rank),
+                *(row.scenario, row.track, row.track_known_by, "" if row.rank is None else row.rank),
                 *(_plain(part) for part in (row.name, row.authors, row.link, row.training)),
-                *(row.tier, row.rerun_episodes, row.episodes),
+                *(row.tier, row.rerun_episodes, row.fresh_episodes),
+                *(_cells(row.fresh_difference) if row.fresh_difference else ("", "", "")),
+                *(row.note, row.episodes),
                 *(cell for name in METRICS for cell in _cells(getattr(row, name))),
                 *(_percent(row.iqm), _number(row.steps, 1), _number(row.decisions_per_second, 0)),
                 *(_percent(row.gap_to_best), _percent(row.gap_to_bound), row.compared, row.bounded),

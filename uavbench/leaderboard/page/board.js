@@ -19,7 +19,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     { name: "best", title: "Gap to best", value: (row) => row.gap_to_best, show: (row) => gap(row.gap_to_best, row.compared, row.episodes), first: "ascending" },
     { name: "bound", title: "Gap to bound", value: (row) => row.gap_to_bound, show: (row) => gap(row.gap_to_bound, row.bounded, row.episodes), first: "ascending" },
     { name: "steps", title: "Steps", value: (row) => row.steps, show: (row) => percent(row.steps) },
-    { name: "speed", title: "Decisions/s", value: (row) => row.decisions_per_second, show: (row) => count(row.decisions_per_second) },
+    { name: "speed", title: "Decisions/s, claimed", value: (row) => row.decisions_per_second, show: (row) => count(row.decisions_per_second) },
   ];
   let sorting = { column: COLUMNS[2], direction: "descending" };
 
@@ -41,8 +41,12 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     const tier = element("span", { class: `tier ${row.tier}` }, row.tier);
     const name = row.entry ? element("button", { type: "button", class: "open" }, row.name) : element("span", {}, row.name);
     const about = element("small", { title: [row.authors, row.training].filter(Boolean).join(" · ") });
-    about.append(`${row.track} · `, row.link ? element("a", { href: row.link, rel: "noopener nofollow" }, row.authors) : row.authors);
-    return element("span", {}, name, " ", tier, about);
+    const claimed = row.track_known_by === "claim";
+    const track = element("span", claimed ? { title: "what the agent saw is its authors' word: nobody has run it again" } : {}, row.track + (claimed ? " (claimed)" : ""));
+    about.append(track, " · ", row.link ? element("a", { href: row.link, rel: "noopener nofollow" }, row.authors) : row.authors);
+    const shown = element("span", {}, name, " ", tier, about);
+    if (row.note) shown.append(element("small", { class: "why" }, row.note));
+    return shown;
   }
 
   function bar([mean, low, high]) {

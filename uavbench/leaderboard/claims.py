@@ -1,0 +1,46 @@
+"""What is known of a submission besides its score, and what is only claimed (design: a replay proves actions and score)."""
+
+import ast
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+
+from uavbench import resources
+from uavbench.agent import find_agent
+from uavbench.leaderboard.submission import Manifest, Submission
+from uavbench.scenario import Scenario
+
+
+def is_built_in(submission: Submission) -> bool:
+    """Say whether a submission is of an agent that comes with uavbench, as far as its manifest can show it.
+
+    The name, the agent, its digest on this scenario and its track must be those of the shipped file. All of them can be copied:
+    what keeps a stranger from it is that the name has an owner (`uavbench.leaderboard.owners`).
+    """
+    manifest = submission.manifest
+    said, path = manifest.result, resources.baseline_paths().get(manifest.name)
+    if path is None or said.agent != manifest.name or said.track != _track(path):
+        return False
+    return said.agent_sha256 in _digests(manifest, submission.scenario)
+
+
+def _digests(manifest: Manifest, scenario: Scenario) -> set[str]:
+    """Return the digests that the shipped agent has on a scenario: today's, and that of file and weights alone."""
+    source = find_agent(manifest.name)
+    weights = resources.shipped_weights(manifest.name).get(scenario.id)
+    plain = hashlib.sha256(source.path.read_bytes()).hexdigest()
+    if weights:
+        plain = hashlib.sha256((plain + hashlib.sha256(weights.read_bytes()).hexdigest()).encode()).hexdigest()
+    return {source.digest(scenario), plain}
+
+
+@lru_cache
+def _track(path: Path) -> str:
+    """Return the track of a shipped agent, without importing what it needs: the board must not depend on what is installed."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        match node:
+            case ast.Assign(targets=[ast.Name(id="track")], value=ast.Constant(value=str(track))):
+                return track
+            case _:
+                continue
+    return "observation"
