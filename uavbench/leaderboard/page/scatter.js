@@ -117,7 +117,7 @@ const Scatter = (() => {
 
   let width = 0;
   new ResizeObserver(([{ contentRect }]) => {
-    if (contentRect.width === width) return; // its height is set here
+    if (!contentRect.width || contentRect.width === width) return; // it is hidden, or its height was set here
     width = contentRect.width;
     draw();
   }).observe(find("scatter"));
