@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from uavbench.commands import leaderboard, learning, pictures
-from uavbench.commands.shared import DecisionTimeout, ResultFolder, ScenarioFile, fail, flown
+from uavbench.commands.shared import DecisionTimeout, ResultFolder, ScenarioFile, fail, flown, number
 from uavbench.interrupt import terminating_interrupts
 
 app = typer.Typer(
@@ -258,7 +258,9 @@ def bound(
         list[Path] | None,
         typer.Option(help="A folder that evaluate wrote, or a submission's: its scores count where they are best; repeatable."),
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.0, help="Seconds of processor time that a bound may take.")] = 20.0,
+    seconds: Annotated[
+        float, typer.Option(min=0.0, callback=number, help="Seconds of processor time that a bound may take.")
+    ] = 20.0,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder of the table, <scenario>.csv.")] = Path("reference"),
 ) -> None:

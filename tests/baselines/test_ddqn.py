@@ -167,7 +167,7 @@ def test_weights_tell_how_they_came_about_and_fly(tmp_path):
     records = list(evaluate(Job(found, CPP, "validation"), range(5)))
     assert len(records) == 5
     assert found.trained_on == CPP.id
-    for name, reason in (("Manhattan32-CPP-v0", "another map than"), (DH.id, "another mission than")):
+    for name, reason in (("Manhattan32-CPP-v0", "have local_size 9, not 17"), (DH.id, "another mission than")):
         with pytest.raises(AgentError, match=reason) as error:
             list(evaluate(Job(found, load_scenario(name), "validation"), range(1)))
         assert "\n" not in str(error.value)

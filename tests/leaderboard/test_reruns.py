@@ -293,6 +293,6 @@ def test_an_interrupted_rerun_writes_down_what_was_compared(submissions, monkeyp
             raise KeyboardInterrupt
 
     monkeypatch.setattr("uavbench.progress.EpisodesProgress.advance", advance)
-    told = uavbench("leaderboard", "rerun", submissions / "greedy" / NAMES[0], "--agent", "greedy", "--episodes", 20)
+    told = uavbench("leaderboard", "rerun", submissions / "greedy" / "Block8-CPP-v0", "--agent", "greedy", "--episodes", 20)
     assert (told.exit_code, "interrupted; that the actions of 6 episodes are the same" in told.output) == (1, True), told.output
     assert [rerun.episodes for rerun in load_reruns(submissions.parent / "reruns.csv").values()] == [6]

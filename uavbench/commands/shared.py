@@ -1,5 +1,6 @@
 """What commands share: how they fail, and arguments."""
 
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +11,16 @@ if TYPE_CHECKING:
     from uavbench.results import Result
 
 ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission's.")]
-DecisionTimeout = Annotated[float, typer.Option(min=1e-3, help="Seconds that one decision may take.")]
+
+
+def number(value: float) -> float:
+    """Refuse NaN, which older versions of Typer take for a number within any limits."""
+    if math.isnan(value):
+        raise typer.BadParameter("nan is not a number")
+    return value
+
+
+DecisionTimeout = Annotated[float, typer.Option(min=1e-3, callback=number, help="Seconds that one decision may take.")]
 ScenarioFile = Annotated[
     str | None, typer.Option("--scenario", help="The .toml file of a scenario of your own, if it has moved.")
 ]
