@@ -116,7 +116,7 @@ def test_what_does_not_fit_is_refused_and_changes_nothing():
         (ValueError, "it is of the scenario with the digest", other, [0]),
         (ValueError, "it is of 3 slots, and is to be set in 2", state, [0, 1]),
         (ValueError, "it is of 3 slots, and is to be set in 8", state, None),
-        (ValueError, "its mission.cell does not fit: another version", damaged, [0, 1, 2]),
+        (ValueError, "does not fit: another version", damaged, [0, 1, 2]),
         (ValueError, "its mission.sight does not fit: another version", old, [0, 1, 2]),
         (ValueError, r"index: bool of shape \(8,\)", state, np.arange(8) < 3),
         (ValueError, r"index: float64 of shape", state, [0.5, 1.0, 2.0]),
