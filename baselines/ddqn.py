@@ -188,12 +188,16 @@ class Replay:
             "reward": np.zeros(shape, dtype=np.float32),
             "done": np.zeros(shape, dtype=np.bool_),
         }
+        if scenario.mission.layers:
+            self.arrays["layers"] = np.zeros((*shape, len(scenario.mission.layers), *scenario.shape), dtype=np.float16)
         self._scratch = {}
 
     def add_states(self, state):
         """Begin a step: remember where the environments are."""
         at = self.written % self.length
         self.arrays["target"][at] = state.target
+        if "layers" in self.arrays:
+            self.arrays["layers"][at] = state.layers
         self.arrays["position"][at] = state.position[:, 0]
         self.arrays["budget"][at] = state.budget[:, 0]
 
@@ -221,10 +225,12 @@ class Replay:
         """Return the observations of states, time first, as one batch."""
         count = picked["budget"].size
         if count not in self._scratch:
-            self._scratch[count] = new_state(count, 1, self._scenario.shape)
+            self._scratch[count] = new_state(count, 1, self._scenario.shape, len(self._scenario.mission.layers))
         state = self._scratch[count]
         state.target[:] = picked["target"].reshape(state.target.shape)
         state.row_targets[:] = state.target.any(axis=2)
+        if "layers" in picked:
+            state.layers[:] = picked["layers"].reshape(state.layers.shape)
         state.position[:, 0] = picked["position"].reshape(-1, 2)
         state.budget[:, 0] = picked["budget"].reshape(-1)
         observation = self._observer.empty(count)

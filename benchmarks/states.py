@@ -42,8 +42,8 @@ def measures(name):
 
     return {
         "step": (step, 1, STEPS),
-        "get_state": (env.get_state, 200, 1),
-        "set_state": (lambda: env.set_state(state), 200, 1),
+        "get_state": (env.get_state, 50, 1),
+        "set_state": (lambda: env.set_state(state), 50, 1),
         "deepcopy": (lambda: copy.deepcopy(env), 5, 1),
         f"step of {NUM_ENVS}": (lambda: envs.step(hover), 20, 1),
         f"get_state of {NUM_ENVS}": (envs.get_state, 20, 1),

@@ -37,6 +37,10 @@ class Surveillance(MissionParameters):
     _ranges = field_validator("sites")(ordered)
 
     @property
+    def layers(self):
+        return {"wait": self.cooldown}
+
+    @property
     def targets(self):
         return f"{self.sites[0]}–{self.sites[1]} sites"
 
@@ -100,6 +104,7 @@ class SurveillanceMission(Mission):
             state.row_targets,
             state.remaining,
             state.reward,
+            state.layers,
             self.wait,
             self.seen,
             self._parameters.reach,
@@ -122,6 +127,7 @@ class SurveillanceMission(Mission):
         self.seen[index] = False
         state.target[index] = sites
         state.row_targets[index] = sites.sum(axis=2)
+        state.layers[index] = 0.0
         state.total[index] = state.remaining[index] = sites.sum(axis=(1, 2))
 
 
@@ -139,7 +145,7 @@ def _draw(keys, places, fewest, most, sites):
 
 
 @kernel
-def _collect(uav, position, done, target, row_targets, remaining, reward, wait, seen, reach, cooldown, value):
+def _collect(uav, position, done, target, row_targets, remaining, reward, layers, wait, seen, reach, cooldown, value):
     """Let a step pass, once for all UAVs, and see with UAV ``uav`` of each slot, where it flies on."""
     rows, cols = target.shape[1:]
     for i in range(len(done)):
@@ -148,6 +154,7 @@ def _collect(uav, position, done, target, row_targets, remaining, reward, wait, 
                 for c in range(cols):
                     if wait[i, r, c] > 0:
                         wait[i, r, c] -= 1
+                        layers[i, 0, r, c] -= 1.0
                         if wait[i, r, c] == 0:
                             target[i, r, c] = 1.0
                             row_targets[i, r] += 1
@@ -157,7 +164,7 @@ def _collect(uav, position, done, target, row_targets, remaining, reward, wait, 
         for r in range(max(0, y - reach), min(rows, y + reach + 1)):
             for c in range(max(0, x - reach), min(cols, x + reach + 1)):
                 if wait[i, r, c] == 0:
-                    wait[i, r, c] = cooldown
+                    wait[i, r, c] = layers[i, 0, r, c] = cooldown
                     target[i, r, c] = 0.0
                     row_targets[i, r] -= 1
                     remaining[i] -= not seen[i, r, c]

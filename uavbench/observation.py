@@ -1,7 +1,8 @@
 """The observation: the centred map, its local crop and its global average (paper eqs. 5 to 15).
 
 Layers, in this order: landing, no_fly, building, target; in teams also the other active UAVs (0/1), and their budgets at
-their cells. The centred map of an M×N map is (2M − 1)×(2N − 1), the UAV's cell in the middle, padded with [0, 1, 1, 0, 0, 0].
+their cells; and those that are the mission's own. The centred map of an M×N map is (2M − 1)×(2N − 1), the UAV's cell in the
+middle, padded with 1 in no_fly and building and with 0 in the others.
 The static layers of any position are crops of two tables made once, of a size proportional to the map's; only the other
 layers are computed per step.
 
@@ -20,6 +21,7 @@ from uavbench.state import State
 
 LAYERS = ("landing", "no_fly", "building", "target")
 TEAM_LAYERS = (*LAYERS, "uavs", "budgets")
+_FIRST_OF_TEAM = len(LAYERS)
 _PADDING = (0.0, 1.0, 1.0)  # of the static layers; that of the others is 0
 
 #: One observation or a batch of them: ``local``, ``global`` and ``budget``, float32.
@@ -48,7 +50,7 @@ class Observer:
     Attributes
     ----------
     layers : tuple of str
-        The C layers' names: 4, in teams 6.
+        The C layers' names: 4, in teams 6, and those that are the mission's own.
     local_shape, global_shape : (int, int, int)
         Shapes of the two maps, channel first: (C, l, l) and (C, ⌊(2M−1)/g⌋, ⌊(2N−1)/g⌋).
     """
@@ -56,7 +58,8 @@ class Observer:
     def __init__(self, scenario: Scenario) -> None:
         rows, cols = scenario.shape
         self._local_size, self._scale = scenario.observation.local_size, scenario.observation.global_scale
-        self.layers = TEAM_LAYERS if scenario.team else LAYERS
+        self._team, self._shared = scenario.team, TEAM_LAYERS if scenario.team else LAYERS
+        self.layers = (*self._shared, *scenario.mission.layers)
         self.local_shape = (len(self.layers), self._local_size, self._local_size)
         self.global_shape = (len(self.layers), (2 * rows - 1) // self._scale, (2 * cols - 1) // self._scale)
         self._tables = _tables(city_of(scenario), self._local_size, self._scale, self.global_shape)
@@ -87,11 +90,13 @@ class Observer:
             out["global"],
             out["budget"],
         )
-        if self.layers == TEAM_LAYERS:
-            half, (rows, cols) = self._local_size // 2, state.target.shape[1:]
-            if self._local_size:
-                _write_team(state.position, state.budget, state.done, index, half, half, 1, out["local"])
-            _write_team(state.position, state.budget, state.done, index, rows - 1, cols - 1, self._scale, out["global"])
+        half, (rows, cols) = self._local_size // 2, state.target.shape[1:]
+        maps = [("local", half, half, 1)] if self._local_size else []
+        for name, up, left, scale in (*maps, ("global", rows - 1, cols - 1, self._scale)):
+            if self._team:
+                _write_team(state.position, state.budget, state.done, index, up, left, scale, out[name])
+            if len(self.layers) > len(self._shared):
+                _write_own(state.position, state.layers, index, up, left, scale, len(self._shared), out[name])
 
 
 def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, int, int]) -> _Tables:
@@ -196,16 +201,16 @@ def _write_team(
     scale: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Write the last two layers of a map: the other active UAVs, and their budgets at their cells.
+    """Write the two layers of teams in a map: the other active UAVs, and their budgets at their cells.
 
     The map begins ``up`` and ``left`` cells from the UAV, and one cell of it is the mean of ``scale``×``scale``.
     """
-    uavs, first = position.shape[1], out.shape[1] - 2
+    uavs = position.shape[1]
     area = np.float32(scale * scale)
     place = np.empty((uavs, 2), dtype=np.int64)
     for n in index:
         i, u = n // uavs, n % uavs
-        others = out[n, first:]
+        others = out[n, _FIRST_OF_TEAM : _FIRST_OF_TEAM + 2]
         _clear(others.reshape(-1))
         for w in range(uavs):
             place[w, 0] = (position[i, w, 0] - position[i, u, 0] + up) // scale  # rounded down: negative off the map
@@ -221,6 +226,36 @@ def _write_team(
                     actions += budget[i, v]
             others[0, y, x] = np.float32(number) / area
             others[1, y, x] = np.float32(actions) / area
+
+
+@kernel
+def _write_own(
+    position: NDArray[np.int32],
+    layers: NDArray[np.float32],
+    index: NDArray[np.int64],
+    up: int,
+    left: int,
+    scale: int,
+    first: int,
+    out: NDArray[np.float32],
+) -> None:
+    """Write the mission's own layers of a map, from layer ``first`` on; the rest as for ``_write_team``."""
+    uavs, (rows, cols) = position.shape[1], layers.shape[2:]
+    high, wide = out.shape[2:]
+    for n in index:
+        i, u = n // uavs, n % uavs
+        _clear(out[n, first:].reshape(-1))
+        for k in range(layers.shape[1]):
+            layer = out[n, first + k]
+            for r in range(rows):
+                y = (r - position[i, u, 0] + up) // scale  # rounded down: negative off the map
+                for c in range(cols):
+                    x = (c - position[i, u, 1] + left) // scale
+                    if 0 <= y < high and 0 <= x < wide:
+                        layer[y, x] += layers[i, k, r, c]
+            for y in range(high):
+                for x in range(wide):
+                    layer[y, x] /= np.float32(scale * scale)
 
 
 @kernel

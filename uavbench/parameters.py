@@ -129,6 +129,11 @@ class MissionParameters(Record):
         """The largest value of the target map."""
 
     @property
+    def layers(self) -> dict[str, float]:
+        """The mission's own layers of the observation, besides the target map: their largest values by their names."""
+        return {}
+
+    @property
     @abstractmethod
     def exact(self) -> bool:
         """Whether transitions are the same to the last bit on every platform."""

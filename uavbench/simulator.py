@@ -51,7 +51,7 @@ class Simulator:
         self.scenario = scenario
         self.num_envs = num_envs
         self.city: City = city_of(scenario)
-        self.state: State = new_state(num_envs, scenario.most_uavs, self.city.shape)
+        self.state: State = new_state(num_envs, scenario.most_uavs, self.city.shape, len(scenario.mission.layers))
         self.mission: Mission = scenario.mission.make(scenario, self.city, num_envs)
         self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
         self._numbers = np.full(num_envs, -1, dtype=np.int64)

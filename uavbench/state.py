@@ -29,6 +29,8 @@ class State(NamedTuple):
         The target map D(t): 1 where a cell is still to cover, or the data left at a device's cell.
     row_targets : ndarray of int32, shape (B, M)
         How many cells of each row of the target map are not 0: the observation passes over the others.
+    layers : ndarray of float32, shape (B, L, M, N)
+        The mission's own layers of the observation besides the target map; L is 0 in missions that have none.
     total, remaining : ndarray of float64, shape (B,)
         Target cells or data units at the start, and left.
     reward : ndarray of float64, shape (B, U)
@@ -47,13 +49,14 @@ class State(NamedTuple):
     done: NDArray[np.bool_]
     target: NDArray[np.float32]
     row_targets: NDArray[np.int32]
+    layers: NDArray[np.float32]
     total: NDArray[np.float64]
     remaining: NDArray[np.float64]
     reward: NDArray[np.float64]
 
 
-def new_state(num_envs: int, most_uavs: int, shape: tuple[int, int]) -> State:
-    """Return a state in which no episode runs (``done`` everywhere)."""
+def new_state(num_envs: int, most_uavs: int, shape: tuple[int, int], layers: int = 0) -> State:
+    """Return a state in which no episode runs (``done`` everywhere), with so many layers of the mission's own."""
     each = (num_envs, most_uavs)
     return State(
         key=np.zeros(num_envs, dtype=np.uint64),
@@ -68,6 +71,7 @@ def new_state(num_envs: int, most_uavs: int, shape: tuple[int, int]) -> State:
         done=np.ones(each, dtype=np.bool_),
         target=np.zeros((num_envs, *shape), dtype=np.float32),
         row_targets=np.zeros((num_envs, shape[0]), dtype=np.int32),
+        layers=np.zeros((num_envs, layers, *shape), dtype=np.float32),
         total=np.zeros(num_envs, dtype=np.float64),
         remaining=np.zeros(num_envs, dtype=np.float64),
         reward=np.zeros(each, dtype=np.float64),

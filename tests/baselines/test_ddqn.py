@@ -4,6 +4,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+import worlds
 from learning import CPP, DDQN, DH, SOURCE, TINY, spoilt, torch, training
 
 from uavbench import load_scenario
@@ -94,7 +95,7 @@ def test_double_q_takes_the_online_networks_action_and_the_target_networks_value
     assert (seen["bootstraps"] == 1.0).all()  # the target network's value of action 1, not its own best
 
 
-@pytest.mark.parametrize("scenario", [CPP, DH], ids=["CPP", "DH"])
+@pytest.mark.parametrize("scenario", [CPP, DH, worlds.scenario(CPP.rows, worlds.SURVEILLANCE)], ids=["CPP", "DH", "layer"])
 def test_memory_gives_back_what_was_observed(scenario):
     number, length = 4, 16
     simulator, observer = Simulator(scenario, number), Observer(scenario)

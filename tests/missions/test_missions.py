@@ -12,13 +12,14 @@ from typing import Literal
 import numpy as np
 import pytest
 from commands import uavbench_command
-from worlds import COVERAGE, scenario
+from worlds import COVERAGE, SURVEILLANCE, scenario
 
-from uavbench import ScenarioError, load_scenario, scenario_ids
+from uavbench import ScenarioError, load_scenario, parallel_env, scenario_ids
 from uavbench.agent import find_agent
 from uavbench.envs.env import UAVEnv
 from uavbench.evaluate import Job, evaluate
 from uavbench.missions.registry import MissionError, register_mission
+from uavbench.observation import Observer
 from uavbench.parameters import Coverage, Harvesting, MissionParameters
 from uavbench.plot import legend
 from uavbench.report import _amounts, _compare
@@ -140,6 +141,59 @@ def test_a_site_pays_again_after_the_cooldown(patrol):
     assert StateView(env.simulator, 0).wait[0, 0] == 9
     with pytest.raises(AttributeError, match="Patrol-v0 has no device_cell: its mission is surveillance"):
         _ = StateView(env.simulator, 0).device_cell
+
+
+@pytest.mark.parametrize("uavs", [None, (2, 2)])
+@pytest.mark.parametrize("scale", [1, 3])
+def test_its_own_layer_is_observed_as_the_target_map_is(uavs, scale):
+    rows = ("LL.....", ".......", "..#....", ".......", "....N..", ".......")
+    mine = scenario(rows, SURVEILLANCE, uavs=uavs).with_observation(5, scale)
+    simulator, observer, most = Simulator(mine, 3), Observer(mine), mine.most_uavs
+    simulator.reset(range(3), "train", range(3))
+    for each in np.random.default_rng(0).integers(0, 5, (9, 3, 2)):
+        simulator.step(each if mine.team else each[:, 0])
+    assert observer.layers[-1] == "wait"
+    state, batch = simulator.state, observer.empty(3 * most)
+    observer.write(state, np.arange(3 * most), batch)
+    assert np.array_equal(state.layers[:, 0], np.maximum(simulator.mission.wait, 0))
+    for n in range(3 * most):
+        (r, c), layer = state.position[n // most, n % most], state.layers[n // most, 0]
+        centred = np.zeros((11, 13))
+        centred[5 - r : 11 - r, 6 - c : 13 - c] = layer
+        assert np.array_equal(batch["local"][n, -1], centred[3:8, 4:9])
+        high, wide = 11 // scale, 13 // scale
+        means = centred[: high * scale, : wide * scale].reshape(high, scale, wide, scale).mean(axis=(1, 3))
+        assert np.allclose(batch["global"][n, -1], means)
+        for name in ("local", "global"):
+            assert np.array_equal(batch[name][n, 3] > 0, _where(state.target[n // most], r, c, name, scale))
+    assert state.layers.any()
+
+
+def _where(target, r, c, name, scale):
+    """Return which cells of a map show a target."""
+    centred = np.zeros((11, 13), dtype=bool)
+    centred[5 - r : 11 - r, 6 - c : 13 - c] = target > 0
+    if name == "local":
+        return centred[3:8, 4:9]
+    high, wide = 11 // scale, 13 // scale
+    return centred[: high * scale, : wide * scale].reshape(high, scale, wide, scale).any(axis=(1, 3))
+
+
+def test_environments_show_its_own_layer():
+    rows = ("LL......", "........", "..##....", "..##....", "......N.", "........")
+    env, team = UAVEnv(scenario(rows, SURVEILLANCE)), parallel_env(scenario(rows, SURVEILLANCE, uavs=(2, 2)))
+    observation = env.reset(seed=0)[0]
+    assert observation["local"].shape == (5, 5, 5)
+    team.reset(seed=0)
+    for action in (1, 1, 2, 1, 2, 4):
+        observation = env.step(action)[0]
+        assert env.observation_space.contains(observation)
+        observations = team.step(dict.fromkeys(team.agents, action))[0]
+        assert team.observation_space("uav_0").contains(observations["uav_0"])
+        assert observations["uav_0"]["local"].shape == (7, 5, 5)
+        assert team.state_space.contains(team.state())
+        assert np.array_equal(team.state()[6], team.simulator.state.layers[0, 0])
+    assert team.state()[6].max() <= 4 == env.observation_space["local"].high[4].max()
 
 
 def test_pictures_say_what_the_mission_says(patrol):

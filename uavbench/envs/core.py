@@ -39,7 +39,7 @@ def check_alone(scenario: Scenario) -> Scenario:
 
 def observation_space(scenario: Scenario, observer: Observer) -> spaces.Dict:
     """Return the space of one observation: ``local`` (unless l = 0), ``global`` and ``budget``, all float32."""
-    largest = {"target": scenario.mission.largest_target, "budgets": scenario.budget[1]}
+    largest = {"target": scenario.mission.largest_target, "budgets": scenario.budget[1], **scenario.mission.layers}
     most = np.array([largest.get(layer, 1.0) for layer in observer.layers], dtype=np.float32)[:, None, None]
     shapes = {"local": observer.local_shape, "global": observer.global_shape}
     maps: dict[str, spaces.Space[Any]] = {

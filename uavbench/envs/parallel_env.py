@@ -218,13 +218,18 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self._pictures.set_state(state.trails, [0])
 
     def state(self) -> NDArray[np.float32]:
-        """Return the whole state for a centralised critic, float32 (6, M, N): the layers of a team, not centred."""
+        """Return the whole state for a centralised critic, float32 (6, M, N): the layers of a team, not centred.
+
+        Those that are the mission's own follow.
+        """
         city, state = self.simulator.city, self.simulator.state
-        whole = np.zeros((len(TEAM_LAYERS), *city.shape), dtype=np.float32)
+        shared = len(TEAM_LAYERS)
+        whole = np.zeros((shared + state.layers.shape[1], *city.shape), dtype=np.float32)
         whole[:4] = city.landing, city.no_fly, city.building, state.target[0]
         for u in np.flatnonzero(~state.done[0]):
             r, c = state.position[0, u]
-            whole[4:, r, c] = 1.0, state.budget[0, u]
+            whole[4:shared, r, c] = 1.0, state.budget[0, u]
+        whole[shared:] = state.layers[0]
         return whole
 
     def render(self) -> Any:
@@ -269,8 +274,9 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
 
 def _state_space(scenario: Scenario) -> spaces.Box:
     """Return the space of `UAVParallelEnv.state`."""
-    shape = (len(TEAM_LAYERS), *scenario.shape)
-    most = np.array([1.0, 1.0, 1.0, scenario.mission.largest_target, 1.0, scenario.budget[1]], dtype=np.float32)
+    mission = scenario.mission
+    most = np.array([1, 1, 1, mission.largest_target, 1, scenario.budget[1], *mission.layers.values()], dtype=np.float32)
+    shape = (len(most), *scenario.shape)
     return spaces.Box(np.zeros(shape, np.float32), np.broadcast_to(most[:, None, None], shape), dtype=np.float32)
 
 

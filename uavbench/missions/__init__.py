@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 class Mission(ABC):
     """What the simulator asks of a mission. ``index`` names slots of the batch; B is its size.
 
-    A mission owns the target map of the state and the sums that belong to it (``target``, ``row_targets``, ``total`` and
-    ``remaining``), and whatever arrays it needs besides, which it names in `arrays`.
+    A mission owns the target map of the state, the sums that belong to it (``target``, ``row_targets``, ``total`` and
+    ``remaining``) and its layers of the observation (``layers``), and whatever arrays it needs besides, which it names in
+    `arrays`.
     """
 
     #: The one option of ``reset`` that sets the targets by hand.
