@@ -264,3 +264,13 @@ def test_a_state_without_pictures_begins_a_new_way():
     envs = UAVVectorEnv("Block8-CPP-v0", 3, render_mode="ansi")
     envs.set_state(plain.get_state())
     assert len(set(envs.render())) == 1
+
+
+def test_the_steps_that_a_limit_counts_go_back_too():
+    envs = UAVVectorEnv("Block8-CPP-v0", 2, max_episode_steps=3)
+    envs.reset(seed=0)
+    envs.step([4, 4])
+    state = envs.get_state()
+    assert [envs.step([4, 4])[3].tolist() for _ in range(2)] == [[False, False], [True, True]]
+    envs.set_state(state)
+    assert [envs.step([4, 4])[3].tolist() for _ in range(2)] == [[False, False], [True, True]]

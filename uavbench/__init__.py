@@ -47,7 +47,7 @@ def parallel_env(scenario: str | _Path | Scenario, **kwargs: _Any) -> "_UAVParal
     scenario : str, Path or Scenario
         An id, ``"Manhattan32-DH-Team-v0"``, the path of a TOML file, or a loaded scenario.
     **kwargs
-        ``num_uavs``, ``local_size``, ``global_scale``, ``flat``, ``split``, ``render_mode``.
+        ``num_uavs``, ``local_size``, ``global_scale``, ``flat``, ``split``, ``order``, ``success_cr``, ``render_mode``.
     """
     from uavbench.envs.parallel_env import UAVParallelEnv
 
@@ -62,14 +62,14 @@ def aec_env(scenario: str | _Path | Scenario, **kwargs: _Any) -> "_AECEnv[str, _
 
 
 for _id in scenario_ids():
-    if "-Team-" not in _id:
-        _cast("_Any", _gymnasium).register(
-            id=f"uavbench/{_id}",
-            entry_point="uavbench.envs.env:UAVEnv",
-            vector_entry_point="uavbench.envs.vector_env:UAVVectorEnv",
-            kwargs={"scenario": _id},
-        )
-    elif hasattr(_pettingzoo, "register"):  # since PettingZoo 1.27
+    _for_team = "-Team-" in _id
+    _cast("_Any", _gymnasium).register(  # those of teams only to say how they are made
+        id=f"uavbench/{_id}",
+        entry_point="uavbench.envs.core:refuse_team" if _for_team else "uavbench.envs.env:UAVEnv",
+        vector_entry_point="uavbench.envs.core:refuse_team" if _for_team else "uavbench.envs.vector_env:UAVVectorEnv",
+        kwargs={"scenario": _id},
+    )
+    if _for_team and hasattr(_pettingzoo, "register"):  # since PettingZoo 1.27
         for _type, _maker in (("parallel", "UAVParallelEnv"), ("aec", "aec_env")):
             _cast("_Any", _pettingzoo).register(
                 _type, f"uavbench/{_id}", f"uavbench.envs.parallel_env:{_maker}", kwargs={"scenario": _id}

@@ -6,11 +6,10 @@ change of a generator can touch them.
 """
 
 import hashlib
-import operator
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, SupportsIndex
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from uavbench.files import unpack_arrays
 from uavbench.keyed import mix
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, Split, SplitName
+from uavbench.values import as_integer, shown
 
 #: Number of episodes of the train split.
 TRAIN_EPISODES = 2**62
@@ -34,20 +34,20 @@ def split_size(scenario: Scenario, split: SplitName) -> int:
 def check_split(split: object) -> SplitName:
     """Return ``split`` when there is such a split, else raise a ValueError that says so."""
     for name in SPLITS:
-        if split == name:
+        if isinstance(split, str) and split == name:
             return name
-    raise ValueError(f"split: {split!r} is not one of {', '.join(SPLITS)}")
+    raise ValueError(f"split: {shown(split)} is not one of {', '.join(SPLITS)}")
 
 
 def check_number(scenario: Scenario, split: SplitName, number: object) -> int:
     """Return ``number`` as an int when ``split`` has such an episode, else raise a ValueError that says so."""
     size = split_size(scenario, split)
-    if isinstance(number, bool) or not isinstance(number, SupportsIndex):
-        raise ValueError(f"episode: {number!r} is not an integer")
-    number = operator.index(number)
-    if not 0 <= number < size:
-        raise ValueError(f"episode: {number} is out of range; {scenario.id} has {split} episodes 0 to {size - 1}")
-    return number
+    read = as_integer(number)
+    if read is None:
+        raise ValueError(f"episode: {shown(number)} is not an integer")
+    if not 0 <= read < size:
+        raise ValueError(f"episode: {shown(number)} is out of range; {scenario.id} has {split} episodes 0 to {size - 1}")
+    return read
 
 
 def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uint64]:

@@ -16,6 +16,7 @@ from uavbench.episode import Columns, check_number, episode_keys, frozen_columns
 from uavbench.kernel import kernel
 from uavbench.missions import Mission
 from uavbench.options import read_budget, read_noise, read_start, read_uavs
+from uavbench.outcomes import outcome_of, outcomes_of
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, SplitName
 from uavbench.slots import SimulatorState, put, take
 from uavbench.starts import draw_starts, scatter_starts
@@ -93,6 +94,10 @@ class Simulator:
         """Return split and number of the episode in slot ``i``; ``("custom", -1)`` when it was set by hand."""
         split = int(self._splits[i])
         return (SPLITS[split] if split >= 0 else self.CUSTOM), int(self._numbers[i])
+
+    def episodes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return for every slot the place of its episode's split in `SPLITS` and its number; −1 and −1 where set by hand."""
+        return self._splits.copy(), self._numbers.copy()
 
     def sample(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
         """Draw the episodes of ``keys`` in the slots ``index``, frozen or not."""
@@ -236,12 +241,11 @@ class Simulator:
             ``landed`` (bool: every UAV of the team), ``cr`` and ``cral`` (float64, in [0, 1]), ``blocked`` (int64: of all
             UAVs together).
         """
-        slots, state = np.asarray(index, dtype=np.int64), self.state
-        landed: NDArray[np.bool_] = np.logical_and.reduce(state.landed[slots], axis=1)
-        total = state.total[slots]
-        cr = (total - state.remaining[slots]) / total
-        blocked: NDArray[np.int64] = np.add.reduce(state.blocked[slots], axis=1, dtype=np.int64)
-        return {"landed": landed, "cr": cr, "cral": cr * landed, "blocked": blocked}
+        return outcomes_of(self.state, np.asarray(index, dtype=np.int64))
+
+    def outcome(self, i: int) -> dict[str, bool | float | int]:
+        """Return the metrics of the episode in slot ``i`` as numbers of Python: those of `outcomes`."""
+        return outcome_of(self.state, i)
 
     def action_mask(self) -> NDArray[np.int8]:
         """Return which actions have their effect, shape (B, 6), in teams (B, U, 6), freshly allocated.

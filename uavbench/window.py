@@ -49,6 +49,8 @@ class Window:
             When there is no display.
         """
         pygame = self._pygame
+        if not pygame.display.get_init():  # never opened, or another window of this process has closed the display
+            self._screen = None
         if self._screen is not None and pygame.event.peek(pygame.QUIT):
             self.closed = True
         if self.closed:

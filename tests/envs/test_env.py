@@ -13,6 +13,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env, data_equivalence
 
 import uavbench
+from uavbench.envs.core import SPLIT_CODES
 from uavbench.envs.env import UAVEnv
 
 IDS = [name for name in uavbench.scenario_ids() if "Team" not in name]
@@ -104,14 +105,33 @@ def test_observations_and_masks_are_fresh_at_every_call():
 def test_picks_an_episode_of_a_split(name):
     env = UAVEnv(name)
     first, info = env.reset(seed=1, options={"split": "test", "episode": 17})
-    assert (info["split"], info["episode_number"]) == ("test", 17)
+    assert env.episode == ("test", 17)
+    assert (info["split"], info["episode_number"]) == (SPLIT_CODES["test"], 17)
     assert data_equivalence(first, env.reset(seed=2, options={"split": "test", "episode": 17})[0], exact=True)
     others = [env.reset(options={"split": "test", "episode": k})[0]["global"].tobytes() for k in range(20)]
     assert len(set(others)) > 15
-    assert env.reset(options={"split": "validation"})[1]["split"] == "validation"
-    assert UAVEnv(name, split="validation").reset(seed=0)[1]["split"] == "validation"
+    assert env.reset(options={"split": "validation"})[1]["split"] == SPLIT_CODES["validation"]
+    assert UAVEnv(name, split="validation").reset(seed=0)[1]["split"] == SPLIT_CODES["validation"]
     train = env.reset(options={"episode": 17})[0]
     assert not data_equivalence(train, first, exact=True)
+
+
+def test_a_cycle_gives_each_episode_once_in_order():
+    env = UAVEnv(CPP, split="validation", order="cycle")
+    assert [env.reset()[1]["episode_number"] for _ in range(203)] == [*range(200), 0, 1, 2]
+    env.reset(options={"episode": 7})  # takes nothing from the cycle
+    assert env.reset()[1]["episode_number"] == 3
+    env.reset(options={"split": "test"})
+    assert env.episode == ("test", 0)
+    assert env.reset()[1]["episode_number"] == 4
+    assert [env.reset(seed=1)[1]["episode_number"], env.reset()[1]["episode_number"]] == [0, 1]
+    team = uavbench.parallel_env("Manhattan32-CPP-Team-v0", split="validation", order="cycle")
+    assert [team.reset()[1]["uav_0"]["episode_number"] for _ in range(3)] == [0, 1, 2]
+    assert [team.reset(seed=k)[1]["uav_0"]["episode_number"] for k in range(2)] == [0, 0]
+    train = gym.make(f"uavbench/{CPP}", order="cycle")
+    assert [train.reset()[1]["episode_number"] for _ in range(2)] == [0, 1]
+    with pytest.raises(ValueError, match="order: 'ordered' is not one of random, cycle"):
+        UAVEnv(CPP, order="ordered")
 
 
 def test_sets_an_episode_by_hand():
@@ -123,7 +143,8 @@ def test_sets_an_episode_by_hand():
     assert state.position[0, 0].tolist() == [7, 6]
     assert state.budget[0] == 11
     assert np.argwhere(state.target[0]).tolist() == [[5, 2]]
-    assert (info["split"], info["episode_number"]) == ("custom", -1)
+    assert env.episode == ("custom", -1)
+    assert (info["split"], info["episode_number"]) == (SPLIT_CODES["custom"], -1)
     dh = UAVEnv(DH)
     dh.reset(seed=0, options={"devices": [[0, 7, 5.5], [3, 2, 9]]})
     assert np.argwhere(dh.simulator.state.target[0]).tolist() == [[0, 7], [3, 2]]
@@ -151,7 +172,7 @@ BAD_COVERAGE = [
     ({"targets": np.ones((8, 7))}, r"shape \(8, 7\), the map \(8, 8\)"),
     ({"targets": np.zeros((8, 8))}, "the mask is empty"),
     ({"targets": np.full((8, 8), 0.5)}, "other than 0 and 1"),
-    ({"targets": [[1], [0, 1]]}, "different lengths"),
+    ({"targets": [[1], [0, 1]]}, "all of one length"),
     ({"noise": 1}, "noise: 1 is not"),
     ({"split": "tset"}, "split: 'tset' is not one of"),
     ({"split": "test", "episode": 1000}, "0 to 999"),
@@ -203,8 +224,8 @@ def test_noise_can_be_switched_off_for_an_episode():
 def test_an_episode_without_its_noise_is_not_that_episode():
     env = UAVEnv("Block8-DH-v0")
     for noise, named in ((True, ("test", 2)), (False, ("custom", -1))):
-        _, info = env.reset(options={"split": "test", "episode": 2, "noise": noise})
-        assert (info["split"], info["episode_number"]) == named
+        env.reset(options={"split": "test", "episode": 2, "noise": noise})
+        assert env.episode == named
 
 
 def test_the_same_episode_has_the_same_noise_whatever_was_flown_before():
@@ -246,7 +267,12 @@ def test_info_tells_the_metrics_at_the_end():
     env.reset(seed=0)
     _, _, terminated, _, info = env.step(LAND)
     assert terminated
-    assert info | {"action_mask": None} == {"action_mask": None, "landed": True, "cr": 0.0, "cral": 0.0, "blocked": 0}
+    assert {name: info[name] for name in ("landed", "cr", "cral", "blocked")} == {
+        "landed": True,
+        "cr": 0.0,
+        "cral": 0.0,
+        "blocked": 0,
+    }
 
 
 def test_the_mask_says_which_actions_have_their_effect():

@@ -165,7 +165,7 @@ def test_those_who_have_finished_leave():
     *_, infos = env.step({"uav_0": LAND, "uav_2": LAND})
     assert env.agents == []
     for info in infos.values():
-        assert info["landed"] is True
+        assert info["landed"]
         assert info["cral"] == info["cr"]
     with pytest.raises(RuntimeError, match="call reset"):
         env.step({})
@@ -268,7 +268,7 @@ def test_refuses_an_episode_that_does_not_fit(options, message):
     ("actions", "message"),
     [
         ({"uav_0": 4}, "none for uav_1"),
-        ({"uav_0": 4, "uav_1": 6}, "6 is not"),
+        ({"uav_0": 4, "uav_1": 6}, "6 of uav_1 is not"),
         ({"uav_0": 4, "uav_1": 1.0}, "1.0 of uav_1 is not one integer"),
         ({"uav_0": 4, "uav_1": [1]}, "of uav_1 is not one integer"),
         ({"uav_0": 4, "uav_1": None}, "of uav_1 is not one integer"),

@@ -1,20 +1,28 @@
-"""What the adapters share: spaces, reset options, and the information about a step."""
+"""What the adapters share: spaces, actions, reset options, and the information about a step."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from gymnasium import spaces
+from numpy.typing import NDArray
 
 from uavbench.city import NUM_ACTIONS
-from uavbench.episode import check_number, check_split, split_size
 from uavbench.missions import Mission
 from uavbench.observation import Observer
-from uavbench.scenario import Scenario, SplitName, load_scenario
+from uavbench.scenario import SPLITS, Scenario, load_scenario
+from uavbench.simulator import Simulator
 from uavbench.slots import SimulatorState
+from uavbench.values import as_array, as_integer, shown
 
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 8}
+
+#: What ``info["split"]`` says: 0 train, 1 validation, 2 test, 3 an episode that was set by hand.
+SPLIT_CODES: dict[str, int] = {name: code for code, name in enumerate((*SPLITS, Simulator.CUSTOM))}
+
+#: The least CR of a flight that landed and counts as a success, unless an environment was asked for another.
+SUCCESS_CR = 0.9
 
 
 class EnvState(NamedTuple):
@@ -22,6 +30,7 @@ class EnvState(NamedTuple):
 
     simulator: SimulatorState
     trails: list[dict[str, Any] | None]
+    elapsed: NDArray[np.int64] = np.zeros(1, dtype=np.int64)  # steps, where the environment counts them
 
 
 def load(scenario: str | Path | Scenario, local_size: int | None, global_scale: int | None) -> Scenario:
@@ -33,8 +42,13 @@ def load(scenario: str | Path | Scenario, local_size: int | None, global_scale: 
 def check_alone(scenario: Scenario) -> Scenario:
     """Refuse a team's scenario where one UAV flies alone."""
     if scenario.team:
-        raise ValueError(f"{scenario.id} is for a team: use uavbench.parallel_env({scenario.id!r})")
+        raise ValueError(f'{scenario.id} is for a team: use uavbench.parallel_env("{scenario.id}")')
     return scenario
+
+
+def refuse_team(scenario: str, **_: Any) -> Any:
+    """Say how a team's environment is made: what ``gymnasium.make`` and ``make_vec`` do with the id of a team's scenario."""
+    check_alone(load_scenario(scenario))
 
 
 def observation_space(scenario: Scenario, observer: Observer) -> spaces.Dict:
@@ -62,30 +76,81 @@ def check_render_mode(mode: str | None, modes: Sequence[str] = METADATA["render_
     return mode
 
 
+def check_success(cr: object) -> float:
+    """Return the CR from which on a flight that landed counts as a success, or refuse what is not from 0 to 1."""
+    least = as_array(cr)
+    if least is None or least.shape or least.dtype == np.bool_ or not 0 <= least <= 1:
+        raise ValueError(f"success_cr: {shown(cr)} is not a number from 0 to 1")
+    return float(least)
+
+
+def check_action(action: object, whose: str = "") -> int:
+    """Return an action as an int, or refuse what is none."""
+    chosen = as_integer(action)
+    if chosen is None or not 0 <= chosen < NUM_ACTIONS:
+        raise ValueError(f"actions: {shown(action)}{whose} is not one integer from 0 to {NUM_ACTIONS - 1}")
+    return chosen
+
+
+def information(simulator: Simulator, success_cr: float | NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """Return what every info tells besides the mask: the episodes of all slots and their metrics so far, each of shape (B,).
+
+    Returns
+    -------
+    dict
+        ``split`` (int64: a code of `SPLIT_CODES`), ``episode_number`` (int64, −1 where set by hand), ``landed`` (bool),
+        ``cr``, ``cral`` (float64), ``blocked`` (int64), ``is_success`` (bool: landed, and CR at least ``success_cr``).
+    """
+    splits, numbers = simulator.episodes()
+    metrics = simulator.outcomes(np.arange(simulator.num_envs))
+    success = metrics["landed"] & (metrics["cr"] >= success_cr)
+    return {
+        "split": np.where(splits < 0, SPLIT_CODES[Simulator.CUSTOM], splits),
+        "episode_number": numbers,
+        **metrics,
+        "is_success": success,
+    }
+
+
+def information_alone(simulator: Simulator, success_cr: float) -> dict[str, Any]:
+    """Return the `information` about slot 0: the same values, in less time than arrays of one take.
+
+    TorchRL asks each of them for its dtype. A bool is an array without a dimension: of NumPy's bool, Gymnasium's vector
+    environments would make an array of objects.
+    """
+    split, number = simulator.episode(0)
+    metrics = simulator.outcome(0)
+    success = bool(metrics["landed"]) and metrics["cr"] >= success_cr
+    return {
+        "split": np.int64(SPLIT_CODES[split]),
+        "episode_number": np.int64(number),
+        "landed": np.array(metrics["landed"]),
+        "cr": np.float64(metrics["cr"]),
+        "cral": np.float64(metrics["cral"]),
+        "blocked": np.int64(metrics["blocked"]),
+        "is_success": np.array(success),
+    }
+
+
 def known_options(mission: Mission) -> tuple[str, ...]:
     """Return the options of ``reset`` that every adapter knows."""
     return ("split", "episode", "start", "budget", mission.option, "noise")
 
 
+def read_options(options: object) -> dict[str, Any]:
+    """Return a copy of the options of ``reset``, or refuse what is no dictionary."""
+    if options is None:
+        return {}
+    if not isinstance(options, Mapping):
+        raise ValueError(f"reset(options=...): {shown(options)} is not a dictionary of options")
+    return dict(cast("Mapping[str, Any]", options))
+
+
 def check_options(options: Mapping[str, Any] | None, mission: Mission, extra: tuple[str, ...] = ()) -> dict[str, Any]:
     """Refuse options of ``reset`` that this scenario does not know."""
     known = (*known_options(mission), *extra)
-    given = dict(options or {})
+    given = read_options(options)
     for name in given:
         if name not in known:
-            raise ValueError(f"reset(options=...): unknown option {name!r}; known are {', '.join(known)}")
+            raise ValueError(f"reset(options=...): unknown option {shown(name)}; known are {', '.join(known)}")
     return given
-
-
-def choose_episode(
-    scenario: Scenario, default: SplitName, options: Mapping[str, Any], generator: np.random.Generator
-) -> tuple[SplitName, int]:
-    """Return split and number of the next episode: what ``options`` name, else drawn with ``generator``.
-
-    Exactly one number is drawn whatever is asked for, so that a seeded sequence of resets goes on alike.
-    """
-    drawn = int(generator.bit_generator.random_raw()) >> 2
-    split = check_split(options.get("split", default))
-    if "episode" in options:
-        return split, check_number(scenario, split, options["episode"])
-    return split, drawn % split_size(scenario, split)

@@ -9,19 +9,22 @@ from numpy.typing import NDArray
 
 from uavbench.envs.core import (
     METADATA,
+    SUCCESS_CR,
     EnvState,
     action_space,
+    check_action,
     check_alone,
     check_options,
     check_render_mode,
-    choose_episode,
+    check_success,
+    information_alone,
     load,
     observation_space,
 )
+from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
-from uavbench.episode import check_split
 from uavbench.observation import Observation, Observer
-from uavbench.scenario import Scenario, SplitName
+from uavbench.scenario import Scenario
 from uavbench.simulator import Simulator
 
 _SLOT = np.zeros(1, dtype=np.int64)
@@ -60,8 +63,10 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
 
     Information
     -----------
-    Always ``action_mask``, int8 (6,): the actions that have their effect. After ``reset`` also ``split`` and
-    ``episode_number``. At the end also ``landed``, ``cr``, ``cral`` and ``blocked``.
+    The same keys after ``reset`` and every ``step``. ``action_mask``, int8 (6,): the actions that have their effect.
+    ``split``: 0 train, 1 validation, 2 test, 3 set by hand; and ``episode_number``, −1 if set by hand (`episode` tells both).
+    ``landed`` (bool), ``cr``, ``cral`` (float) and ``blocked`` (int): the metrics so far, at the end the score.
+    ``is_success`` (bool): landed, and CR at least ``success_cr``.
 
     Parameters
     ----------
@@ -70,7 +75,12 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
     local_size, global_scale : int, optional
         l (odd, 0 for no local map) and g; the scenario's by default.
     split : {"train", "validation", "test"}
-        Where ``reset`` draws episodes from when its options name none.
+        Where ``reset`` takes episodes from when its options name none.
+    order : {"random", "cycle"}
+        Whether ``reset`` draws an episode, or takes the split's episodes one after the other, from number 0 on. A cycle
+        begins again after its last episode, and at a reset with a seed.
+    success_cr : float
+        The least CR, from 0 to 1, of a flight that landed and counts as a success (``is_success``).
     render_mode : {"human", "rgb_array", "ansi"}, optional
         What `render` returns; ``"human"`` opens a window (the extra ``human``).
 
@@ -88,11 +98,14 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         local_size: int | None = None,
         global_scale: int | None = None,
         split: str = "train",
+        order: str = "random",
+        success_cr: float = SUCCESS_CR,
         render_mode: str | None = None,
     ) -> None:
         self.scenario = check_alone(load(scenario, local_size, global_scale))
         self.render_mode = check_render_mode(render_mode)
-        self._split: SplitName = check_split(split)
+        self._episodes = Episodes(self.scenario, split, order)
+        self.success_cr = check_success(success_cr)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
         self.observation_space: Any = observation_space(self.scenario, self._observer)
@@ -100,13 +113,18 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         self._begun = False
         self._pictures = Pictures(self.simulator, self.render_mode)
 
+    @property
+    def episode(self) -> tuple[str, int]:
+        """Split and number of the running episode; ``("custom", -1)`` when it was set by hand."""
+        return self.simulator.episode(0)
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Start an episode.
 
         Parameters
         ----------
         seed : int, optional
-            Seeds the sequence of episodes that this and later resets draw.
+            Seeds the sequence of episodes that this and later resets draw, and begins a cycle again.
         options : dict, optional
             ``split`` and ``episode`` pick an episode; ``start`` [row, column], ``budget``, ``targets`` (CPP: a mask) or
             ``devices`` (DH: rows [row, column, data]) set it by hand; ``noise`` False switches shadow fading off.
@@ -114,22 +132,21 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         Raises
         ------
         ValueError
-            When an option is unknown or does not fit the scenario.
+            When an option is unknown or does not fit the scenario. Nothing flies then until a reset succeeds.
         """
+        self._begun = False
+        self._pictures.end([0])
         super().reset(seed=seed)
+        if seed is not None:
+            self._episodes.restart()
         simulator = self.simulator
         given = check_options(options, simulator.mission)
-        split, number = choose_episode(self.scenario, self._split, given, self.np_random)
+        split, number = self._episodes.choose(given, self.np_random)
         simulator.reset(_SLOT, split, [number])
-        try:
-            simulator.customise(0, given)
-        except ValueError:
-            simulator.state.done[0] = True  # nothing flies until a reset succeeds
-            raise
+        simulator.customise(0, given)
         self._begun = True
         self._pictures.begin([0])
-        split, number = simulator.episode(0)
-        return self._observe(), {"action_mask": self._mask(), "split": split, "episode_number": number}
+        return self._observe(), self._info()
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Fly one action.
@@ -137,22 +154,18 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         Raises
         ------
         RuntimeError
-            When the episode has ended.
+            Before a successful `reset`, and when the episode has ended.
         ValueError
             When ``action`` is not an integer from 0 to 5.
         """
         state = self.simulator.state
+        if not self._begun:
+            raise RuntimeError("step() before a successful reset(): call reset() first")
         if state.done[0, 0]:
             raise RuntimeError("step() after the end of the episode: call reset() first")
-        if np.ndim(action) > 0:
-            raise ValueError(f"actions: {action!r} is not one integer from 0 to 5")
-        self.simulator.step(np.array([action]))
+        self.simulator.step(np.array([check_action(action)]))
         self._pictures.extend()
-        info: dict[str, Any] = {"action_mask": self._mask()}
-        terminated = bool(state.done[0, 0])
-        if terminated:
-            info.update({name: values[0].item() for name, values in self.simulator.outcomes(_SLOT).items()})
-        return self._observe(), float(state.reward[0, 0]), terminated, False, info
+        return self._observe(), float(state.reward[0, 0]), bool(state.done[0, 0]), False, self._info()
 
     def get_state(self) -> EnvState:
         """Return the state of the episode, to come back to it by `set_state`; a search over many futures does.
@@ -190,6 +203,9 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
             raise RuntimeError("no episode has begun: call reset() first")
         r, c = self.simulator.state.position[0, 0]
         return self.simulator.city.action_mask[r, c].copy()
+
+    def _info(self) -> dict[str, Any]:
+        return {"action_mask": self._mask(), **information_alone(self.simulator, self.success_cr)}
 
     def _observe(self) -> Observation:
         batch = self._observer.empty(1)

@@ -14,19 +14,24 @@ from pettingzoo.utils.env import AECEnv, ParallelEnv  # pyright: ignore[reportMi
 from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.envs.core import (
     METADATA,
+    SUCCESS_CR,
     EnvState,
     action_space,
+    check_action,
     check_render_mode,
-    choose_episode,
+    check_success,
+    information_alone,
     known_options,
     load,
     observation_space,
+    read_options,
 )
+from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
-from uavbench.episode import check_split
 from uavbench.observation import TEAM_LAYERS, Observer
-from uavbench.scenario import Scenario, SplitName
+from uavbench.scenario import Scenario
 from uavbench.simulator import Simulator
+from uavbench.values import shown
 
 _SLOT = np.zeros(1, dtype=np.int64)
 
@@ -69,10 +74,9 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
 
     Information
     -----------
-    For each UAV ``action_mask``, int8 (6,): 0 where an action cannot have its effect, because of the map or of a UAV that
-    moves later; and the team's ``landed`` (all of them), ``cr``, ``cral`` and ``blocked`` so far, at the end of the episode
-    its score. After ``reset`` also ``episode_number``; `episode` tells the split besides. All of it numbers: TorchRL turns
-    them into tensors, and takes no key that was not there after ``reset``.
+    For each UAV the keys of `uavbench.envs.env.UAVEnv`, after ``reset`` and every ``step``. Its ``action_mask``, int8 (6,),
+    is 0 where an action cannot have its effect, because of the map or of a UAV that moves later. All others are the team's:
+    ``landed`` says whether all of its UAVs have, ``blocked`` is their sum.
 
     Parameters
     ----------
@@ -85,7 +89,9 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     flat : bool
         Whether observations are vectors, for libraries that take no dictionaries.
     split : {"train", "validation", "test"}
-        Where ``reset`` draws episodes from when its options name none.
+        Where ``reset`` takes episodes from when its options name none.
+    order, success_cr
+        As for `uavbench.envs.env.UAVEnv`.
     render_mode : {"human", "rgb_array", "ansi"}, optional
         What `render` returns; ``"human"`` opens a window (the extra ``human``).
 
@@ -105,13 +111,16 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         global_scale: int | None = None,
         flat: bool = False,
         split: str = "train",
+        order: str = "random",
+        success_cr: float = SUCCESS_CR,
         render_mode: str | None = None,
     ) -> None:
         loaded = load(scenario, local_size, global_scale)
         self.scenario = loaded if num_uavs is None else loaded.with_uavs(num_uavs)
         self.render_mode = check_render_mode(render_mode)
         self.metadata = {**METADATA, "name": self.scenario.id, "is_parallelizable": True}
-        self._split: SplitName = check_split(split)
+        self._episodes = Episodes(self.scenario, split, order)
+        self.success_cr = check_success(success_cr)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
         self.possible_agents = [f"uav_{u}" for u in range(self.scenario.most_uavs)]
@@ -149,7 +158,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         Parameters
         ----------
         seed : int, optional
-            Seeds the sequence of episodes that this and later resets draw.
+            Seeds the sequence of episodes that this and later resets draw, and begins a cycle again.
         options : dict, optional
             As for `UAVEnv.reset`; besides ``num_uavs``, and for a team ``start`` as a list of a cell for each UAV and
             ``budget`` for all or as a list. Unknown options are ignored, as PettingZoo asks.
@@ -160,20 +169,20 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
             When an option does not fit the scenario.
         """
         self.agents = []  # nothing flies until a reset succeeds
+        self._pictures.end([0])
         if seed is not None or self._generator is None:
             self._generator = seeding.np_random(seed)[0]
+        if seed is not None:
+            self._episodes.restart()
         simulator = self.simulator
         known = (*known_options(simulator.mission), "num_uavs")
-        given = {name: value for name, value in (options or {}).items() if name in known}
-        split, number = choose_episode(self.scenario, self._split, given, self._generator)
+        given = {name: value for name, value in read_options(options).items() if name in known}
+        split, number = self._episodes.choose(given, self._generator)
         simulator.reset(_SLOT, split, [number])
         simulator.customise(0, given)
         self.agents = self.possible_agents[: int(simulator.state.uavs[0])]
         self._pictures.begin([0])
-        infos = self._infos(self.agents)
-        for info in infos.values():
-            info["episode_number"] = self.episode[1]
-        return self._observe(self.agents), infos
+        return self._observe(self.agents), self._infos(self.agents)
 
     def step(
         self, actions: Mapping[str, Any]
@@ -247,13 +256,10 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
                 raise ValueError(f"actions: none for {agent}; there must be one for each of {', '.join(self.agents)}")
         for agent in actions:
             if agent not in self._numbers:
-                raise ValueError(f"actions: {agent!r} is not an agent; they are {', '.join(self.possible_agents)}")
+                raise ValueError(f"actions: {shown(agent)} is not an agent; they are {', '.join(self.possible_agents)}")
         chosen = np.full((1, len(self.possible_agents)), HOVER)
         for agent in self.agents:
-            action = np.asarray(actions[agent])
-            if action.shape != () or action.dtype.kind not in "iu":
-                raise ValueError(f"actions: {actions[agent]!r} of {agent} is not one integer from 0 to 5")
-            chosen[0, self._numbers[agent]] = action
+            chosen[0, self._numbers[agent]] = check_action(actions[agent], f" of {agent}")
         return chosen if self.scenario.team else chosen[:, 0]
 
     def _observe(self, agents: list[str]) -> dict[str, Any]:
@@ -268,8 +274,8 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
         """Return fresh information for the agents."""
         masks = self.simulator.action_mask().reshape(-1, NUM_ACTIONS)
-        outcome = {name: values[0].item() for name, values in self.simulator.outcomes(_SLOT).items()}
-        return {agent: {"action_mask": masks[self._numbers[agent]], **outcome} for agent in agents}
+        team = information_alone(self.simulator, self.success_cr)
+        return {agent: {"action_mask": masks[self._numbers[agent]], **team} for agent in agents}
 
 
 def _state_space(scenario: Scenario) -> spaces.Box:

@@ -23,11 +23,20 @@ class Pictures:
         self._trails: dict[int, Trail] = {}
         self._window: Any = None
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the window out of copies and pickles: each opens its own when it has something to show."""
+        return {**self.__dict__, "_window": None}
+
     def begin(self, index: Iterable[int]) -> None:
         """Take note that episodes begin in the slots ``index``."""
         if self._mode is not None:
             self._trails.update({i: Trail(self._simulator, i) for i in index})
             self._show()
+
+    def end(self, index: Iterable[int]) -> None:
+        """Take note that no episode runs in the slots ``index`` until one begins."""
+        for i in index:
+            self._trails.pop(i, None)
 
     def extend(self) -> None:
         """Take note of a step."""

@@ -12,22 +12,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from uavbench.envs.core import (
     METADATA,
+    SUCCESS_CR,
     EnvState,
     action_space,
     check_alone,
     check_options,
     check_render_mode,
-    choose_episode,
+    check_success,
+    information,
     load,
     observation_space,
 )
+from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
-from uavbench.episode import check_split
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
+from uavbench.values import as_integer, as_list, shown
 
 _RENDER_MODES = [mode for mode in METADATA["render_modes"] if mode != "human"]
+_NO_LIMIT = np.iinfo(np.int64).max
+
+# What `UAVVectorEnv.call` knows: what all slots share, with the vector environment's name for it, and what each has of its own.
+_SHARED = {
+    "action_space": "single_action_space",
+    "observation_space": "single_observation_space",
+    "render_mode": "render_mode",
+    "scenario": "scenario",
+}
+_OF_EACH = ("action_masks", "episode", "render", "success_cr")
 
 
 class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
@@ -35,10 +48,15 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
     Parameters
     ----------
-    scenario, local_size, global_scale, split, render_mode
+    scenario, local_size, global_scale, split, success_cr, render_mode
         As for `uavbench.envs.env.UAVEnv`.
     num_envs : int
         N.
+    order : {"random", "cycle"}
+        As for `uavbench.envs.env.UAVEnv`, except that all slots share one cycle: each slot that is reset takes the next
+        episode. (The environments of a ``SyncVectorEnv`` know nothing of each other, and each goes through all episodes.)
+    max_episode_steps : int, optional
+        Truncates episodes after so many steps, as Gymnasium's ``TimeLimit`` does; None or −1 for no limit.
     autoreset_mode : AutoresetMode or str
         ``"NextStep"`` (default), ``"SameStep"`` or ``"Disabled"``.
     """
@@ -51,6 +69,9 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         local_size: int | None = None,
         global_scale: int | None = None,
         split: str = "train",
+        order: str = "random",
+        success_cr: float = SUCCESS_CR,
+        max_episode_steps: int | None = None,
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
@@ -65,7 +86,9 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             names = ", ".join(mode.value for mode in AutoresetMode)
             raise ValueError(f"autoreset_mode: {autoreset_mode!r} is not one of {names}") from None
         self.metadata = {**METADATA, "render_modes": _RENDER_MODES, "autoreset_mode": self.autoreset_mode}
-        self._split: SplitName = check_split(split)
+        self._episodes = Episodes(self.scenario, split, order)
+        self._success_cr = np.full(num_envs, check_success(success_cr))
+        self._limit = _check_limit(max_episode_steps)
         self.simulator = Simulator(self.scenario, num_envs)
         self._observer = Observer(self.scenario)
         self.single_observation_space = observation_space(self.scenario, self._observer)
@@ -75,7 +98,18 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._all = np.arange(num_envs)
         self._pictures = Pictures(self.simulator, self.render_mode)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._ready = False
+
+    @property
+    def episode(self) -> tuple[tuple[str, int], ...]:
+        """Split and number of every slot's running episode; ``("custom", -1)`` where it was set by hand."""
+        return tuple(self.simulator.episode(i) for i in range(self.num_envs))
+
+    @property
+    def success_cr(self) -> tuple[float, ...]:
+        """The least CR of a success, for every slot; `set_attr` changes it."""
+        return tuple(self._success_cr.tolist())
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -93,13 +127,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         Raises
         ------
         ValueError, TypeError
-            When an option or the seeds do not fit.
+            When an option or the seeds do not fit. Nothing flies then until a reset succeeds.
         """
         self._ready = False
         given = check_options(options, self.simulator.mission, extra=("reset_mask",))
         index = self._masked(given.pop("reset_mask", None))
         seeds = self._seeds(seed)
-        episodes = given.pop("episode", None)
         slots: list[int] = index.tolist()
         for i in slots:
             own = seeds[i]
@@ -107,13 +140,18 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
                 self._generators[i] = seeding.np_random(own)[0]
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seeds[0])
-        per_slot = {i: self._episode_option(given, episodes, i) for i in slots}
-        self._start(index, per_slot)
-        for i in slots:
-            self.simulator.customise(i, given)
+            self._episodes.restart()
+        try:
+            self._start(index, self._episode_options(given, slots))
+            for i in slots:
+                self.simulator.customise(i, given)
+        except ValueError:
+            self.simulator.state.done[index] = True  # they do not fly either after a reset of other slots
+            self._pictures.end(slots)
+            raise
         self._pictures.begin(index.tolist())
         self._ready = True
-        return self._observe(self._all), self._info(self._none(), index, index)
+        return self._observe(self._all), self._info(index)
 
     def step(
         self, actions: Any
@@ -131,30 +169,73 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise RuntimeError("step() before a successful reset(): call reset() first")
         state = self.simulator.state
         done = state.done[:, 0]
-        before = done.copy()
-        waiting = np.flatnonzero(before)
+        late = self._elapsed >= self._limit
+        flying = ~(done | late)
+        waiting = np.flatnonzero(~flying)
         if len(waiting) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise RuntimeError(f"step() after the end of the episodes in slots {waiting.tolist()}: reset them first")
         self.simulator.step(actions)
-        rewards, ended = state.reward[:, 0].copy(), done & ~before
-        over, truncated = np.flatnonzero(ended), np.zeros(self.num_envs, dtype=np.bool_)
+        self._elapsed += 1
+        rewards, terminated = np.where(flying, state.reward[:, 0], 0.0), done & flying
+        truncated = (self._elapsed >= self._limit) & flying
         self._pictures.extend()
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and len(over):
-            infos = self._final(over)
-            self._start(over, {})
-            infos.update(self._info(self._none(), self._all, over))
-        else:
-            if len(waiting):
-                self._start(waiting, {})
-            infos = self._info(over, self._all, waiting)
-        return self._observe(self._all), rewards, ended, truncated, infos
+        infos: dict[str, Any] = {}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            over = np.flatnonzero(terminated | truncated)
+            if len(over):
+                infos = self._final(over)
+                self._start(over, {})
+        elif len(waiting):
+            self._start(waiting, {})
+        infos.update(self._info(self._all))
+        return self._observe(self._all), rewards, terminated, truncated, infos
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Return, for every slot, its environment's attribute ``name``, or what this method returns, as ``SyncVectorEnv`` does.
+
+        Raises
+        ------
+        AttributeError
+            When ``name`` is none of ``action_masks``, ``action_space``, ``episode``, ``observation_space``, ``render``,
+            ``render_mode``, ``scenario`` and ``success_cr``.
+        """
+        if name in _SHARED:
+            return (getattr(self, _SHARED[name]),) * self.num_envs
+        if name not in _OF_EACH:
+            raise AttributeError(f"call: {shown(name)} is not one of {', '.join(sorted((*_SHARED, *_OF_EACH)))}")
+        found: Any = getattr(self, name)
+        each: Any = found(*args, **kwargs) if callable(found) else found
+        return (None,) * self.num_envs if each is None else tuple(each)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of every slot's environment: see `call`."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set ``success_cr``, for all slots or by a list of N.
+
+        Raises
+        ------
+        AttributeError
+            When ``name`` is another.
+        ValueError
+            When there are not N values, or one is not from 0 to 1.
+        """
+        if name != "success_cr":
+            raise AttributeError(f"set_attr: {shown(name)} cannot be set; success_cr can")
+        listed = as_list(values)
+        each = [values] * self.num_envs if listed is None else listed
+        if len(each) != self.num_envs:
+            raise ValueError(f"{name}: {len(each)} values for {self.num_envs} environments")
+        self._success_cr = np.array([check_success(value) for value in each])
 
     def get_state(self, index: ArrayLike | None = None) -> EnvState:
         """Return the state of the episodes in the slots ``index`` (by default in all), to come back to them by `set_state`.
 
         The generators that draw the next episodes are not part of it.
         """
-        return EnvState(self.simulator.get_state(index), self._pictures.get_state(self._listed(index)))
+        slots = self._listed(index)
+        return EnvState(self.simulator.get_state(index), self._pictures.get_state(slots), self._elapsed[slots])
 
     def set_state(self, state: EnvState, index: ArrayLike | None = None) -> None:
         """Put the slots ``index`` (by default all) into a state that `get_state` returned, to the last bit.
@@ -173,6 +254,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """
         self.simulator.set_state(state.simulator, index)
         self._ready = self._ready or index is None
+        self._elapsed[self._listed(index)] = state.elapsed
         self._pictures.set_state(state.trails, self._listed(index))
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -197,11 +279,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             generator = self._generators[i]
             if generator is None:
                 generator = self._generators[i] = seeding.np_random()[0]
-            split, number = choose_episode(self.scenario, self._split, options.get(i, {}), generator)
+            split, number = self._episodes.choose(options.get(i, {}), generator)
             by_split.setdefault(split, []).append((i, number))
         for split, chosen in by_split.items():
             started, numbers = zip(*chosen, strict=True)
             self.simulator.reset(started, split, numbers)
+        self._elapsed[index] = 0
         self._pictures.begin(index.tolist())
 
     def _observe(self, index: NDArray[np.int64]) -> Observation:
@@ -220,42 +303,25 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return {
             "final_obs": final,
             "_final_obs": ended,
-            "final_info": self._info(over, over, self._none()),
+            "final_info": self._info(over),
             "_final_info": ended.copy(),
         }
 
-    def _info(self, ended: NDArray[np.int64], shown: NDArray[np.int64], started: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the batched information: masks of ``shown``, metrics of ``ended``, names of ``started`` slots."""
+    def _info(self, index: NDArray[np.int64]) -> dict[str, Any]:
+        """Return the batched information about the slots ``index``, with zeros in the places of the others."""
         infos: dict[str, Any] = {}
-
-        def add(name: str, index: NDArray[np.int64], values: NDArray[Any]) -> None:
-            whole = np.zeros((self.num_envs, *values.shape[1:]), dtype=values.dtype)
-            if values.dtype == object:
-                whole[:] = None
-            whole[index] = values
-            infos[name], infos[f"_{name}"] = whole, self._flags(index)
-
-        if len(shown) == self.num_envs:
-            infos["action_mask"], infos["_action_mask"] = self.simulator.action_mask(), np.ones(self.num_envs, np.bool_)
-        else:
-            add("action_mask", shown, self.simulator.action_mask()[shown])
-        if len(ended):
-            for name, values in self.simulator.outcomes(ended).items():
-                add(name, ended, values)
-        if len(started):
-            names = [self.simulator.episode(i) for i in started.tolist()]
-            add("split", started, np.array([split for split, _ in names], dtype=object))
-            add("episode_number", started, np.array([number for _, number in names]))
+        known = {"action_mask": self.simulator.action_mask(), **information(self.simulator, self._success_cr)}
+        flags = self._flags(index)
+        for name, values in known.items():
+            if len(index) < self.num_envs:
+                values[~flags] = 0
+            infos[name], infos[f"_{name}"] = values, flags.copy()
         return infos
 
     def _flags(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
         flags = np.zeros(self.num_envs, dtype=np.bool_)
         flags[index] = True
         return flags
-
-    @staticmethod
-    def _none() -> NDArray[np.int64]:
-        return np.zeros(0, dtype=np.int64)
 
     def _masked(self, mask: Any) -> NDArray[np.int64]:
         """Return the slots that ``reset_mask`` names."""
@@ -278,12 +344,21 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise ValueError(f"seed: {len(seed)} seeds for {self.num_envs} environments")
         return list(seed)
 
-    def _episode_option(self, given: dict[str, Any], episodes: Any, i: int) -> dict[str, Any]:
-        """Return the options that pick slot ``i``'s episode."""
-        if episodes is None:
-            return given
-        if np.ndim(episodes) == 0:
-            return {**given, "episode": episodes}
-        if len(episodes) != self.num_envs:
-            raise ValueError(f"episode: {len(episodes)} numbers for {self.num_envs} environments")
-        return {**given, "episode": episodes[i]}
+    def _episode_options(self, given: dict[str, Any], slots: list[int]) -> dict[int, dict[str, Any]]:
+        """Return the options that pick the episode of each of the ``slots``: ``episode`` may be a sequence of N numbers."""
+        numbers = as_list(given.get("episode"))
+        if numbers is None:
+            return dict.fromkeys(slots, given)
+        if len(numbers) != self.num_envs:
+            raise ValueError(f"episode: {len(numbers)} numbers for {self.num_envs} environments")
+        return {i: {**given, "episode": numbers[i]} for i in slots}
+
+
+def _check_limit(steps: object) -> int:
+    """Return after how many steps episodes are truncated, `_NO_LIMIT` where they are not."""
+    limit = as_integer(steps)
+    if steps is None or limit == -1:
+        return _NO_LIMIT
+    if limit is None or limit < 1:
+        raise ValueError(f"max_episode_steps: {shown(steps)} is not an integer from 1 on, nor None or -1 for no limit")
+    return limit

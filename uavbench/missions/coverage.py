@@ -18,6 +18,7 @@ from uavbench.missions.shapes import draw_shapes
 from uavbench.parameters import Coverage
 from uavbench.scenario import Scenario, ScenarioError
 from uavbench.state import State
+from uavbench.values import as_array, shown
 
 _ATTEMPTS = 10_000  # redraws of the shapes before the scenario is refused; the paper's need about 3
 
@@ -74,10 +75,9 @@ class CoverageMission(Mission):
 
     def parse(self, value: Any) -> Columns:
         """Turn a mask of targets, shape (M, N), into columns."""
-        try:
-            mask = np.asarray(value)
-        except ValueError:
-            raise ValueError("targets: rows of different lengths; expected a mask") from None
+        mask = as_array(value)
+        if mask is None:
+            raise ValueError(f"targets: {shown(value)} is not a mask: rows of 0 and 1 (or False and True), all of one length")
         if mask.shape != self._city.shape:
             raise ValueError(f"targets: the mask has shape {mask.shape}, the map {self._city.shape}")
         if not np.isin(mask, (0, 1)).all():

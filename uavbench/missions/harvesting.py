@@ -19,6 +19,7 @@ from uavbench.missions import Mission
 from uavbench.parameters import Harvesting
 from uavbench.scenario import Scenario
 from uavbench.state import State
+from uavbench.values import as_array, shown
 
 _NEPERS_PER_DB = math.log(10.0) / 10.0
 _CACHED_SIGHTS = 4096
@@ -133,10 +134,10 @@ class HarvestingMission(Mission):
 
     def parse(self, value: Any) -> Columns:
         """Turn rows (row, column, data), shape (K, 3), into columns."""
-        try:
-            table = np.asarray(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise ValueError("devices: not a table of numbers; expected rows [row, column, data]") from None
+        table = as_array(value)
+        if table is None:
+            raise ValueError(f"devices: {shown(value)} is not a table of numbers; expected rows [row, column, data]")
+        table = table.astype(np.float64)
         most, largest = self._parameters.devices[1], self._parameters.data[1]
         if table.ndim != 2 or table.shape[1] != 3:
             raise ValueError(f"devices: shape {table.shape}, expected (number of devices, 3): rows [row, column, data]")

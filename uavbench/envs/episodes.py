@@ -1,0 +1,57 @@
+"""Which episode a reset starts."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from uavbench.episode import check_number, check_split, split_size
+from uavbench.scenario import SPLITS, Scenario, SplitName
+from uavbench.values import shown
+
+ORDERS = ("random", "cycle")
+
+
+class Episodes:
+    """The episodes that resets start when their options name none.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    split : {"train", "validation", "test"}
+        The split of a reset whose options name none.
+    order : {"random", "cycle"}
+        ``"random"`` draws each episode, with replacement. ``"cycle"`` takes those of the split one after the other, from
+        number 0 on, and begins again after the last.
+
+    Raises
+    ------
+    ValueError
+        When there is no such split or order.
+    """
+
+    def __init__(self, scenario: Scenario, split: str, order: str) -> None:
+        self._scenario, self._split, self._order = scenario, check_split(split), order
+        if order not in ORDERS:
+            raise ValueError(f"order: {shown(order)} is not one of {', '.join(ORDERS)}")
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin the cycles again: the next episode of every split is its first."""
+        self._next = dict.fromkeys(SPLITS, 0)
+
+    def choose(self, options: Mapping[str, Any], generator: np.random.Generator) -> tuple[SplitName, int]:
+        """Return split and number of the next episode: what ``options`` name, else by the order.
+
+        Exactly one number is drawn whatever is asked for, so that a seeded sequence of resets goes on alike.
+        """
+        drawn = int(generator.bit_generator.random_raw()) >> 2
+        split = check_split(options.get("split", self._split))
+        if "episode" in options:
+            return split, check_number(self._scenario, split, options["episode"])
+        size = split_size(self._scenario, split)
+        if self._order == "random":
+            return split, drawn % size
+        number = self._next[split]
+        self._next[split] = (number + 1) % size
+        return split, number
