@@ -21,10 +21,26 @@ _MOST_BYTES = 2**28
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -> bytes:
-    """Return the bytes of an ``.npz`` file of ``arrays``, in alphabetical order and without pickles."""
+    """Return the bytes of an ``.npz`` file of ``arrays``, in alphabetical order and without pickles.
+
+    The file is built here and not by ``np.savez``: its keywords and defaults differ between the versions of NumPy that we
+    support, and the bytes must not.
+
+    Raises
+    ------
+    ValueError
+        When an array holds objects.
+    """
     buffer = io.BytesIO()
-    save = np.savez_compressed if compress else np.savez
-    save(buffer, allow_pickle=False, **{name: arrays[name] for name in sorted(arrays)})
+    with zipfile.ZipFile(buffer, "w") as table:
+        for name in sorted(arrays):
+            if arrays[name].dtype.hasobject:
+                raise ValueError(f"{name}: holds objects; only numbers and text can be written")
+            member = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            member.create_system = 3  # Unix, on every system
+            member.compress_type = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+            with table.open(member, "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, arrays[name], allow_pickle=False)
     return buffer.getvalue()
 
 
