@@ -46,8 +46,8 @@ def test_it_decides_by_the_method_that_fits_the_scenario(name, alone, team):
     ("spec", "message"),
     [
         ("gredy", "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp"),
-        ("missing.py", "no file missing.py"),
-        ("missing.py:Class", "no file missing.py"),
+        ("missing.py", "missing.py: there is no such file"),
+        ("missing.py:Class", "missing.py: there is no such file"),
     ],
 )
 def test_what_is_not_there_is_refused(spec, message):

@@ -84,7 +84,7 @@ def test_help_has_examples_for_every_command(call):
         (["show", "manhattan32-cpp-v0"], "did you mean Manhattan32-CPP-v0?"),
         (["freeze", "Block8-CPP-v0"], "splits.validation.file: frozen already"),
         (["evaluate", "--agent", "greedy", "--weights", __file__], ": greedy takes no weights"),
-        (["train", "nowhere.py"], "agent nowhere.py: there is no file"),
+        (["train", "nowhere.py"], "agent nowhere.py: there is no such file"),
         (
             ["evaluate", "--agent", "gredy"],
             "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp",

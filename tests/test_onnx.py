@@ -127,7 +127,7 @@ def test_a_model_in_several_files_is_refused(tmp_path):
 
 
 def test_files_that_are_no_models(tmp_path):
-    with pytest.raises(AgentLoadError, match="there is no file"):
+    with pytest.raises(AgentLoadError, match="there is no such file"):
         find_agent(str(tmp_path / "model.onnx"))
     (tmp_path / "model.onnx").write_bytes(b"no model")
     with pytest.raises(AgentError, match=r"model\.onnx: not a model"):

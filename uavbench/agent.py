@@ -15,7 +15,8 @@ from types import ModuleType
 from typing import Any, Literal
 
 from uavbench import resources
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
+from uavbench.files import MODEL_BYTES, SOURCE_BYTES, FileError, check_plain, read_bounded
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, check_trained, load_weights, trained_on
 
@@ -62,7 +63,7 @@ class AgentSource:
     @cached_property
     def sha256(self) -> str:
         """SHA-256 of the Python file."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        return hashlib.sha256(read_bounded(self.path, SOURCE_BYTES)).hexdigest()
 
     @property
     def built_in(self) -> bool:
@@ -80,7 +81,7 @@ class AgentSource:
             weights = resources.shipped_weights(self.path.stem).get(scenario.id)
         if weights is None:
             return self.sha256
-        found = hashlib.sha256(weights.read_bytes()).hexdigest()
+        found = hashlib.sha256(read_bounded(weights, MODEL_BYTES)).hexdigest()
         return found if self.path == _ONNX else hashlib.sha256((self.sha256 + found).encode()).hexdigest()
 
     @cached_property
@@ -120,7 +121,7 @@ class AgentSource:
             hint = ": pip install 'uavbench[ddqn]'" if error.name in ("torch", "safetensors") else ""
             raise AgentLoadError(f"{self.path}: needs {error.name}, which is not installed{hint}") from error
         except (Exception, SystemExit) as error:
-            raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
+            raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {one_line(error)}") from error
 
     def load(self) -> Any:
         """Return the agent's class.
@@ -237,8 +238,7 @@ def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
         source, weights = find_agent(spec), weights.expanduser()
         if source.weights is not None:
             raise AgentLoadError(f"agent {spec}: these are weights themselves: leave --weights out")
-        if not weights.is_file():
-            raise AgentLoadError(f"--weights {weights}: there is no such file")
+        _check("--weights", weights, MODEL_BYTES)
         return replace(source, weights=weights)
     built_in = resources.baseline_paths()
     if spec in built_in:
@@ -247,8 +247,7 @@ def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
         return _trained(Path(spec).expanduser(), built_in)
     if spec.endswith(".onnx"):
         model = Path(spec).expanduser()
-        if not model.is_file():
-            raise AgentLoadError(f"agent {spec}: there is no file {model}")
+        _check("agent", model, MODEL_BYTES)
         return AgentSource(_ONNX, weights=model)
     name, _, class_name = spec.partition(".py:")
     if class_name:
@@ -258,9 +257,16 @@ def find_agent(spec: str, weights: Path | None = None) -> AgentSource:
         raise AgentLoadError(
             f"agent {spec}: neither a .py, .onnx or .safetensors file nor a built-in; built in are {', '.join(built_in)}"
         )
-    if not path.is_file():
-        raise AgentLoadError(f"agent {spec}: there is no file {path}")
+    _check("agent", path, SOURCE_BYTES)
     return AgentSource(path, class_name or "Agent")
+
+
+def _check(what: str, path: Path, most: int) -> None:
+    """Refuse what is not a plain file that can be read, by an `AgentLoadError`."""
+    try:
+        check_plain(path, most)
+    except FileError as error:
+        raise AgentLoadError(f"{what} {error}") from None
 
 
 def _trained(weights: Path, built_in: dict[str, Path]) -> AgentSource:

@@ -7,3 +7,20 @@ class UavbenchError(Exception):
     Every error class of the suite derives from it, so ``except uavbench.UavbenchError`` catches them all. Most are a
     ``ValueError`` besides, as libraries that call the suite expect of bad arguments.
     """
+
+
+_LONGEST = 300
+
+
+def one_line(thing: object) -> str:
+    """Return what an object says of itself as one line that can be printed, of at most 300 characters, whatever it says.
+
+    It is for what others wrote: exceptions, whose ``__str__`` may raise, and names, which may hold line breaks.
+    """
+    try:
+        text = str(thing)
+    except Exception:
+        text = f"{type(thing).__name__}, which cannot say what it is"
+    text = " ".join(text.split())
+    seen = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return seen if len(seen) <= _LONGEST else f"{seen[:_LONGEST]}…"

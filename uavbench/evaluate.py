@@ -26,6 +26,7 @@ from uavbench.alarm import TimeUpError, alarm, set_alarm
 from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.errors import UavbenchError
 from uavbench.keyed import AGENT, stream
+from uavbench.memory import episodes_at_once
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
@@ -121,7 +122,7 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 1) -> Generator[Ep
     if workers == 1:
         yield from _fly(job, numbers)
         return
-    size = job.batch_size if job.source.call(job.scenario) == "act_batch" else 10
+    size = min(job.batch_size, episodes_at_once(job.scenario)) if job.source.call(job.scenario) == "act_batch" else 10
     size = max(1, min(size, -(-len(numbers) // workers)))
     chunks = [numbers[k : k + size] for k in range(0, len(numbers), size)]
     parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", pre_dispatch="2*n_jobs")
@@ -182,7 +183,7 @@ def _fly(job: Job, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
     with alarm():
         agent = _guard(job, "__init__()", None, lambda: job.source.make(job.scenario))
         flight = _Flight(job, agent)
-        size = job.batch_size if flight.call == "act_batch" else 1
+        size = min(job.batch_size, episodes_at_once(job.scenario)) if flight.call == "act_batch" else 1
         for k in range(0, len(numbers), size):
             yield from flight.fly(numbers[k : k + size])
 

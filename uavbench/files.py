@@ -1,4 +1,8 @@
-"""Files of arrays: the same arrays give the same bytes, and a file is written whole or not at all."""
+"""Files: what is read is plain and of bounded size, the same arrays give the same bytes, and a file is written whole or not.
+
+Whoever reads a file that the package did not bring reads it by `read_bounded` or one of the functions built on it: the file
+may come from anybody, and may be a pipe that never ends.
+"""
 
 import contextlib
 import errno
@@ -6,8 +10,10 @@ import io
 import math
 import os
 import shutil
+import stat
 import tempfile
 import tokenize
+import tomllib
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -17,7 +23,101 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_MOST_BYTES = 2**28
+from uavbench.errors import UavbenchError, one_line
+
+#: The most bytes that a file of each kind may have.
+TOML_BYTES = 2**16
+TABLE_BYTES = 2**26  # of a CSV or JSON file: a million episodes
+ARRAYS_BYTES = 2**28  # of an .npz file, packed and unpacked
+MODEL_BYTES = 2**30  # of weights and ONNX models
+SOURCE_BYTES = 2**24  # of an agent's Python file
+_MOST_DOTS = 200  # in a line of TOML: the parser's time and memory grow with their square
+
+
+class FileError(UavbenchError, OSError):
+    """A file that cannot be read; the message names it and says why."""
+
+
+class NoFileError(FileError, FileNotFoundError):
+    """A file that is not there."""
+
+
+def check_plain(path: Path, most: int) -> None:
+    """Refuse what is not a plain file of at most ``most`` bytes, without waiting for anything: for libraries that read paths.
+
+    Raises
+    ------
+    FileError
+        When there is no such file, it is a folder, a pipe or a device, is too large, or may not be read.
+    """
+    os.close(_open_plain(path, most))
+
+
+def read_bounded(path: Path, most: int) -> bytes:
+    """Return the bytes of a plain file, at most ``most``; it may have been written by anybody.
+
+    Raises
+    ------
+    FileError
+        As `check_plain`.
+    """
+    with os.fdopen(_open_plain(path, most), "rb") as file:
+        try:
+            content = file.read(most + 1)
+        except OSError as error:
+            raise FileError(f"{one_line(path)}: cannot be read: {error.strerror}") from None
+    if len(content) > most:  # it has grown meanwhile, or its file system does not tell sizes
+        raise FileError(_too_large(path, most))
+    return content
+
+
+def _open_plain(path: Path, most: int) -> int:
+    """Open a file for reading, if it is plain and not too large; return its descriptor."""
+    name = one_line(path)
+    try:  # a pipe is opened without waiting for somebody who writes into it
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except (FileNotFoundError, NotADirectoryError):
+        raise NoFileError(f"{name}: there is no such file") from None
+    except OSError as error:
+        reason = "it is a folder" if os.path.isdir(path) else error.strerror  # noqa: PTH112 - Path.is_dir() may raise itself
+        raise FileError(f"{name}: cannot be opened: {reason}") from None
+    except ValueError:  # a NUL in the name
+        raise NoFileError(f"{name}: no file can have this name") from None
+    about = os.fstat(handle)
+    if stat.S_ISREG(about.st_mode) and about.st_size <= most:
+        return handle
+    os.close(handle)
+    if stat.S_ISREG(about.st_mode):
+        raise FileError(_too_large(path, most))
+    raise FileError(f"{name}: is not a plain file, but a {'folder' if stat.S_ISDIR(about.st_mode) else 'pipe or a device'}")
+
+
+def _too_large(path: Path, most: int) -> str:
+    return f"{one_line(path)}: is larger than {most:,} bytes, the most that is read of such a file"
+
+
+def read_text(path: Path, most: int) -> str:
+    """Return the text of a plain file in UTF-8, with or without a byte order mark; as `read_bounded`."""
+    try:
+        return read_bounded(path, most).decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise FileError(
+            f"{one_line(path)}: is not text in UTF-8 (byte {error.start} is {error.object[error.start]:#04x})"
+        ) from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file holds; as `read_bounded`, and a FileError when it is no TOML."""
+    text = read_text(path, TOML_BYTES)
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.count(".") > _MOST_DOTS:
+            raise FileError(f"{one_line(path)}: line {number} has more than {_MOST_DOTS} dots: its keys are nested too deeply")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise FileError(f"{one_line(path)}: is not TOML that can be read: its values are nested too deeply") from None
+    except ValueError as error:
+        raise FileError(f"{one_line(path)}: is not TOML: {one_line(error)}") from None
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -> bytes:
@@ -44,7 +144,7 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -
     return buffer.getvalue()
 
 
-def unpack_arrays(content: bytes, most: int = _MOST_BYTES) -> dict[str, NDArray[Any]]:
+def unpack_arrays(content: bytes, most: int = ARRAYS_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz`` file, whoever wrote it: nothing is run, and no more is unpacked than is allowed.
 
     Raises

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.city import NUM_ACTIONS
+from uavbench.errors import one_line
+from uavbench.files import MODEL_BYTES, FileError, read_bounded
 from uavbench.observation import Observation, Observer
 from uavbench.scenario import Scenario
 from uavbench.weights import check_trained
@@ -99,7 +101,11 @@ def _session(model: Path) -> Any:
     except ImportError as error:
         raise ImportError(f"{model}: needs ONNX Runtime: pip install 'uavbench[onnx]'") from error
     try:
+        content = read_bounded(model, MODEL_BYTES)
+    except FileError as error:
+        raise ValueError(str(error)) from None
+    try:
         # from its bytes: a model whose weights are in other files is refused, since a digest would not cover them
-        return runtime.InferenceSession(model.read_bytes(), providers=["CPUExecutionProvider"])
+        return runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
     except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
-        raise ValueError(f"{model}: not a model that ONNX Runtime takes: {error}") from None
+        raise ValueError(f"{model}: not a model that ONNX Runtime takes: {one_line(error)}") from None

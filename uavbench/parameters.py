@@ -21,6 +21,7 @@ def ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
+_MOST_SHAPES = 100
 Count = Annotated[int, Field(ge=1, le=30_000, strict=True)]
 _Devices = Annotated[int, Field(ge=1, le=100, strict=True)]
 TeamSize = Annotated[int, Field(ge=1, le=16, strict=True)]
@@ -72,7 +73,7 @@ class Coverage(Record):
     camera_size : int
         Side of the square that the camera sees, in cells; odd, at most 7.
     shapes : (int, int)
-        Fewest and most random shapes that make the targets.
+        Fewest and most random shapes that make the targets, at most 100.
     target_fraction : (float, float)
         Smallest and largest part of all cells that the shapes cover, buildings not yet removed.
     """
@@ -83,6 +84,13 @@ class Coverage(Record):
     target_fraction: tuple[_Fraction, _Fraction]
 
     _ranges = field_validator("shapes", "target_fraction")(ordered)
+
+    @field_validator("shapes")
+    @classmethod
+    def _few(cls, shapes: tuple[int, int]) -> tuple[int, int]:
+        if shapes[1] > _MOST_SHAPES:
+            raise ValueError(f"{shapes[1]} exceeds {_MOST_SHAPES}: each shape takes time to draw, in every episode")
+        return shapes
 
     @property
     def largest_target(self) -> float:

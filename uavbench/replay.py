@@ -10,7 +10,7 @@ from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.episode import check_split, split_size
 from uavbench.evaluate import NO_ACTION, EpisodeRecord
 from uavbench.metrics import METRICS, Comparison, compare
-from uavbench.results import COLUMNS, Result, ResultError, metrics_of
+from uavbench.results import COLUMNS, Result, ResultError, metrics_of, numbered
 from uavbench.scenario import Scenario, ScenarioError, SplitName, load_scenario
 from uavbench.simulator import Simulator
 
@@ -48,15 +48,15 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     summary = result.summary
     scenario, split = flown_in(result, scenario_file)
     table, actions = result.episodes(), result.actions()
-    expected = list(range(summary["episodes"]))
+    episodes: int = summary["episodes"]
     for name, found in (("episodes.csv", table["episode"].tolist()), ("actions.npz", list(actions))):
-        if found != expected or not 0 < len(expected) <= split_size(scenario, split):
-            return [], [f"{name} does not hold the episodes 0 to {len(expected) - 1}, each once and in order"]
+        if not numbered(found, episodes) or not 0 < episodes <= split_size(scenario, split):
+            return [], [f"{name} does not hold the episodes 0 to {episodes - 1}, each once and in order"]
     wrong: list[str] = []
     flown: list[EpisodeRecord] = []
     # CPP is exact on any machine; DH but for the last digits of a platform's logarithm.
     tolerance = 0.0 if scenario.mission.exact else 1e-6
-    for number, row in zip(expected, table[list(COLUMNS)].to_dict("records"), strict=True):
+    for number, row in zip(range(episodes), table[list(COLUMNS)].to_dict("records"), strict=True):
         record = fly_recorded(scenario, split, number, actions[number])
         if record is None:
             wrong.append(f"episode {number}: actions.npz does not hold the actions of a whole episode")

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from uavbench.display import NAMES
+from uavbench.memory import episodes_at_once
 from uavbench.metrics import METRICS, Interval, compare, mean_interval, proportion_interval, summarise
 from uavbench.replay import check_paired, flown_in
 from uavbench.results import Result, ResultError, deliver
@@ -194,9 +195,14 @@ def _budgets(compared: Compared) -> NDArray[np.float64]:
 def _amounts(compared: Compared) -> NDArray[np.float64]:
     """Return, for each episode, the number of devices or the share of cells that are targets, in per cent."""
     numbers = compared.tables[0]["episode"].tolist()
-    simulator = Simulator(compared.scenario, len(numbers))
-    simulator.reset(range(len(numbers)), compared.split, numbers)
-    there = (simulator.state.target > 0).sum(axis=(1, 2)).astype(np.float64)
+    slots = min(len(numbers), episodes_at_once(compared.scenario))
+    simulator = Simulator(compared.scenario, slots)
+    parts: list[NDArray[np.float64]] = []
+    for first in range(0, len(numbers), slots):
+        some = numbers[first : first + slots]
+        simulator.reset(range(len(some)), compared.split, some)
+        parts.append((simulator.state.target[: len(some)] > 0).sum(axis=(1, 2)).astype(np.float64))
+    there = np.concatenate(parts)
     return there if compared.scenario.mission.kind == "harvesting" else 100 * there / simulator.state.target[0].size
 
 

@@ -7,18 +7,19 @@ import difflib
 import hashlib
 import json
 import operator
-import tomllib
 from collections import deque
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, SupportsIndex
+from typing import Annotated, Literal, SupportsIndex
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from uavbench import resources
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
+from uavbench.files import FileError, read_text, read_toml
 from uavbench.parameters import Count, Coverage, Harvesting, ObservationSizes, Record, Rewards, TeamSize, ordered
 
+_TABLE_BYTES = 2**30  # of what is computed in advance for the local observation
 FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
 
 SplitName = Literal["train", "validation", "test"]
@@ -131,6 +132,13 @@ class Scenario(Record):
         return len(self.rows), len(self.rows[0])
 
     @property
+    def observation_bytes(self) -> int:
+        """Bytes that the observation of one UAV takes."""
+        (rows, cols), sizes = self.shape, self.observation
+        cells = sizes.local_size**2 + (2 * rows - 1) // sizes.global_scale * ((2 * cols - 1) // sizes.global_scale)
+        return 4 * (6 if self.team else 4) * cells
+
+    @property
     def team(self) -> bool:
         """Whether UAVs fly as a team, and see each other, even if an episode has only one."""
         return self.uavs is not None
@@ -195,6 +203,14 @@ def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
     for name, size in observation.model_dump().items():
         if size > largest:
             raise ValueError(f"observation.{name}: {size} exceeds {largest}, the shorter side of the centred map")
+    rows, cols = shape
+    size = observation.local_size
+    needed = 3 * 4 * cols * (rows + size) * size  # bytes: three static layers, cut out for every cell in advance
+    if needed > _TABLE_BYTES:
+        raise ValueError(
+            f"observation.local_size: {size} on a map of {rows} × {cols} cells needs a table of {needed >> 20:,} MB, "
+            f"and at most {_TABLE_BYTES >> 20:,} MB are allowed: choose a smaller one"
+        )
 
 
 def _check_map(rows: tuple[str, ...]) -> None:
@@ -225,6 +241,7 @@ def _check_map(rows: tuple[str, ...]) -> None:
             raise ValueError(f"the landing cell {cell} is unreachable from the landing cell {landing[0]}")
 
 
+_MAP_BYTES = 2**21  # twice what the largest map takes
 _REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
 
 
@@ -245,17 +262,17 @@ def _first(error: ValidationError) -> str:
 def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
     """Read a map's rows."""
     try:
-        return tuple(path.read_text(encoding="ascii").rstrip().splitlines())
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{scenario}: map: cannot read {path}: {error}") from None
+        return tuple(read_text(path, _MAP_BYTES).rstrip().split("\n"))
+    except FileError as error:
+        raise ScenarioError(f"{scenario}: map: {error}") from None
 
 
 def _load(path: Path) -> Scenario:
     """Load the TOML file ``path`` and the map it names."""
     try:
-        values: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot read it as TOML: {error}") from None
+        values = read_toml(path)
+    except FileError as error:
+        raise ScenarioError(str(error)) from None
     for name in ("rows", "path"):
         if name in values:
             raise ScenarioError(f"{path}: {name}: unknown key")
@@ -267,6 +284,14 @@ def _load(path: Path) -> Scenario:
         reason = _first(error)
         where = f"{path.parent / values['map']}" if reason.startswith("rows") else f"{path}"
         raise ScenarioError(f"{where}: {reason.replace('rows', 'map', 1) if where != str(path) else reason}") from None
+
+
+def _absolute(path: Path) -> Path:
+    """Return where a scenario's file is."""
+    try:
+        return path.expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # of links in a circle, an unknown user's ~, a NUL
+        raise ScenarioError(f"{one_line(path)}: no file can have this name: {one_line(error)}") from None
 
 
 def load_scenario(id_or_path: str | Path) -> Scenario:
@@ -287,9 +312,7 @@ def load_scenario(id_or_path: str | Path) -> Scenario:
     if name in shipped:
         path = shipped[name]
     elif str(id_or_path).endswith(".toml"):
-        path = Path(id_or_path).expanduser().resolve()
-        if not path.is_file():
-            raise ScenarioError(f"{id_or_path}: there is no such file")
+        path = _absolute(Path(id_or_path))
     else:
         alike = {each.lower(): each for each in shipped}
         near = difflib.get_close_matches(name.lower(), alike, n=1, cutoff=0.4)

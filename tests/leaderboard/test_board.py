@@ -354,7 +354,7 @@ def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submis
         path.unlink()
         path.mkdir()
         told = uavbench(*words)
-        assert (told.exit_code, "reruns.csv: Is a directory" in told.output) == (1, True), told.output
+        assert (told.exit_code, "reruns.csv: is not a plain file" in told.output) == (1, True), told.output
     path.rmdir()
     with monkeypatch.context() as patch:
         patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))

@@ -15,8 +15,8 @@ import numpy as np
 
 from uavbench.agent import AgentSource
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.files import check_writable, write_whole
-from uavbench.leaderboard.submission import Submission, SubmissionError, check
+from uavbench.files import TABLE_BYTES, FileError, check_writable, read_bounded, read_text, write_whole
+from uavbench.leaderboard.submission import LARGEST, Submission, SubmissionError, check
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ def load_reruns(path: Path) -> dict[str, Rerun]:
     found: dict[str, Rerun] = {}
     reader = None
     try:
-        reader = csv.DictReader(path.read_text(encoding="utf-8").splitlines(), strict=True)
+        reader = csv.DictReader(read_text(path, TABLE_BYTES).splitlines(), strict=True)
         for row in reader:
             found[row["submission"]] = Rerun(**{**row, "episodes": int(row["episodes"])})  # pyright: ignore[reportArgumentType]
-    except OSError as error:
-        raise SubmissionError(f"{path}: {error.strerror}") from None
+    except FileError as error:
+        raise SubmissionError(str(error)) from None
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         where = f" in line {reader.line_num}" if reader else ""
         raise SubmissionError(
@@ -107,7 +107,7 @@ def save_rerun(path: Path, rerun: Rerun) -> None:
 
 def actions_digest(submission: Submission) -> str:
     """Return the digest of a submission's actions."""
-    return hashlib.sha256((submission.folder / "actions.npz").read_bytes()).hexdigest()
+    return hashlib.sha256(read_bounded(submission.folder / "actions.npz", LARGEST["actions.npz"])).hexdigest()
 
 
 def fly_again(

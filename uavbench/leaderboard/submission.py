@@ -5,7 +5,6 @@ Beside ``episodes.csv`` and ``actions.npz`` of the result is ``manifest.toml``: 
 """
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from pydantic import AfterValidator, Field, ValidationError, field_validator
 from uavbench.agent import Track
 from uavbench.errors import UavbenchError
 from uavbench.evaluate import EpisodeRecord
+from uavbench.files import TOML_BYTES, read_toml
 from uavbench.metrics import CONFIDENCE
 from uavbench.parameters import Record
 from uavbench.replay import fly_all_recorded
@@ -25,7 +25,7 @@ from uavbench.scenario import Scenario, load_scenario
 
 MANIFEST = "manifest.toml"
 #: The files of a submission, and the bytes that each may have.
-LARGEST = {MANIFEST: 2**16, "episodes.csv": 2**22, "actions.npz": 2**22}
+LARGEST = {MANIFEST: TOML_BYTES, "episodes.csv": 2**22, "actions.npz": 2**22}
 
 
 def _printable(text: str) -> str:
@@ -149,7 +149,7 @@ def load_submission(folder: Path) -> Submission:
     label = _label(folder)
     try:
         _check_files(folder)
-        manifest = Manifest.model_validate(tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8")))
+        manifest = Manifest.model_validate(read_toml(folder / MANIFEST))
         result = checked_result(folder, manifest.result.model_dump())
         scenario = load_scenario(shipped(result.summary))
     except ValidationError as error:

@@ -5,7 +5,6 @@ import platform
 import re
 import shutil
 import tempfile
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -13,7 +12,7 @@ from typing import Any, cast
 import tomli_w
 from pydantic import ValidationError
 
-from uavbench.files import replace_folders
+from uavbench.files import FileError, read_toml, replace_folders
 from uavbench.leaderboard.submission import (
     LARGEST,
     MANIFEST,
@@ -105,8 +104,8 @@ def _names(authors: object) -> str:
 def _said(folder: Path) -> dict[str, Any] | None:
     """Return what the manifest in a folder says, whatever its version; None where none can be read."""
     try:
-        return tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        return read_toml(folder / MANIFEST)
+    except FileError:
         return None
 
 
