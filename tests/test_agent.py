@@ -133,3 +133,22 @@ def test_an_edited_file_is_loaded_anew(tmp_path):
     assert find_agent(str(path)).load()(None).act({}, {}) == 4
     path.write_text(text.replace("4\n", "3\n"))
     assert find_agent(str(path)).load()(None).act({}, {}) == 3
+
+
+def test_a_template_that_does_not_fit_on_the_disk_leaves_no_file(tmp_path, monkeypatch):
+    from uavbench.agent import AgentLoadError, write_template
+
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full to write to")
+    opened = Path.open
+
+    def full(self, *words, **named):
+        if self.suffix == ".py" and "x" in words:
+            opened(self, *words, **named).close()
+            return opened(Path("/dev/full"), "w", encoding="utf-8")
+        return opened(self, *words, **named)
+
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(AgentLoadError, match="No space left"):
+        write_template(tmp_path / "mine.py")
+    assert list(tmp_path.iterdir()) == []

@@ -2,15 +2,18 @@
 
 import hashlib
 import io
+import os
 import re
 import struct
+import subprocess
+import sys
 import tracemalloc
 import zipfile
 
 import numpy as np
 import pytest
 
-from uavbench.files import pack_arrays, replace_folders, unpack_arrays, write_together, write_whole
+from uavbench.files import check_name, pack_arrays, replace_folders, unpack_arrays, write_together, write_whole
 
 ARRAYS = {"a": np.arange(6, dtype=np.uint8).reshape(2, 3), "b": np.array([1.5, np.inf]), "c": np.zeros((0, 4), dtype=np.int64)}
 
@@ -201,3 +204,50 @@ def test_a_folder_that_could_not_be_deleted_is_not_moved(tmp_path, monkeypatch):
     with pytest.raises(PermissionError, match=str(last)):
         replace_folders(places)
     assert [(place / "file").read_text() for place in (first, last)] == ["old", "old"]
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "",
+            "CON",
+            "aux",
+            "nul.txt",
+            "Lpt1.agent.py",
+            "com¹",
+            "agent.",
+            "agent ",
+            " agent",
+            ".agent",
+            "a/b",
+            "a:b",
+            "a" * 101,
+        ),
+        "a\\b",
+        "a\nb",
+        "a\0b",
+        "\u202ea",
+    ],
+)
+def test_names_that_some_system_cannot_file_are_refused(name):
+    with pytest.raises(ValueError, match=r"name|dot|characters") as caught:
+        check_name(name)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["agent", "my agent-2.1", "Console", "comb", "agents.One", "ünï", "飛行", "a" * 100])
+def test_other_names_may_be_filed(name):
+    check_name(name)
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next(tmp_path):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    dead, alive, other = (
+        tmp_path / name for name in (f".index.html.{gone.pid}", f".index.html.{os.getppid()}", ".index.html.x")
+    )
+    for left in (dead, alive, other):
+        left.write_bytes(b"half")
+    write_whole(tmp_path / "index.html", b"whole")
+    assert [path.exists() for path in (dead, alive, other)] == [os.name == "nt", True, True]

@@ -17,7 +17,7 @@ from worlds import scenario
 from uavbench import ScenarioError, UavbenchError, load_scenario
 from uavbench.agent import find_agent
 from uavbench.errors import one_line
-from uavbench.evaluate import evaluate
+from uavbench.evaluate import Job, evaluate
 from uavbench.files import check_plain, pack_arrays, read_bounded, read_text, read_toml, unpack_arrays
 from uavbench.leaderboard.reruns import load_reruns
 from uavbench.leaderboard.submission import load_submission
@@ -272,3 +272,40 @@ def test_crafted_records_of_an_interrupted_run_do_not_become_a_result(change, tm
 def interrupted(flying, numbers, workers):
     yield from evaluate(flying, numbers[:2], workers)
     raise KeyboardInterrupt
+
+
+AGENT = """
+class Silent(ValueError):
+    def __str__(self):
+        raise RuntimeError
+
+class Odd:
+    def __repr__(self):
+        raise RuntimeError
+
+class Agent:
+    def __init__(self, scenario):
+        WHERE
+    def act(self, observation, info):
+        return 4
+"""
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        AGENT.replace("WHERE", "raise Silent"),
+        AGENT.replace("WHERE", "pass").replace("return 4", "raise Silent"),
+        AGENT.replace("WHERE", "pass").replace("return 4", "return Odd()"),
+        AGENT.replace("WHERE", "pass") + "raise Silent",
+        AGENT.replace("WHERE", "pass") + "    track = Odd()",
+    ],
+    ids=["making", "acting", "answering", "importing", "track"],
+)
+def test_what_an_agent_raises_need_not_be_printable(text, tmp_path):
+    path = tmp_path / "mine.py"
+    path.write_text(text)
+    source = find_agent(str(path))
+    with pytest.raises(UavbenchError) as caught:
+        run(Job(source, load_scenario("Block8-CPP-v0"), "test"), 2, tmp_path / "out")
+    assert str(path.name) in str(caught.value) or "mine" in str(caught.value)

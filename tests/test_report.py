@@ -76,7 +76,7 @@ def test_a_file_that_never_ends_is_not_waited_for(pictured, tmp_path):
         (folder / name).unlink()
         os.mkfifo(folder / name)
         told = uavbench_command("report", folder, "--out", tmp_path / "r")
-        assert (told.exit_code, f"{name}: not a plain file" in told.output) == (2, True), told.output
+        assert (told.exit_code, f"{name}: is not a plain file" in told.output) == (2, True), told.output
         (folder / name).unlink()
         (folder / name).write_bytes(content)
 

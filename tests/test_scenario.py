@@ -283,3 +283,13 @@ def test_the_digest_does_not_depend_on_where_the_file_is(own, tmp_path):
 
 def test_maps_need_not_be_square():
     assert scenario(("....L.", "......", "..##..", "......")).shape == (4, 6)
+
+
+def test_what_a_scenario_says_of_itself_cannot_steer_the_terminal(own):
+    edit(own, 'title = "', 'title = "\\u001b[31mred\\u0007 ')
+    from commands import uavbench_command
+
+    told = uavbench_command("show", own)
+    assert told.exit_code == 0
+    assert "?[31mred?" in told.output
+    assert "\x1b" not in told.output

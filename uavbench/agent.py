@@ -141,7 +141,9 @@ class AgentSource:
             )
         track = getattr(found, "track", "observation")
         if track not in TRACKS:
-            raise AgentLoadError(f"{self.path}: {self.class_name}.track is {track!r}; use 'observation' or 'state'")
+            raise AgentLoadError(
+                f"{self.path}: {self.class_name}.track is {one_line(track, repr)}; use 'observation' or 'state'"
+            )
         self._check_signature(found)
         if callable(getattr(found, "act_team", None)) and track != "state":
             raise AgentLoadError(
@@ -195,7 +197,7 @@ class AgentSource:
         try:
             self.make(scenario)
         except ValueError as error:
-            return str(error) if self.meant(error) else None
+            return one_line(error) if self.meant(error) else None
         except Exception:  # which flying it will tell
             return None
         return None
@@ -298,7 +300,12 @@ def write_template(path: Path) -> None:
     template = Path(__file__).with_name("templates") / "agent.py"
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(template.read_text(encoding="utf-8").replace("FILE", path.name))
+            try:
+                file.write(template.read_text(encoding="utf-8").replace("FILE", path.name))
+                file.flush()
+            except OSError:
+                path.unlink()  # rather than an empty file, which the next try would take for an agent
+                raise
     except FileExistsError:
         raise AgentLoadError(f"{path}: exists already; choose another name") from None
     except OSError as error:

@@ -12,6 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 from rich.text import Text
 
+from uavbench.errors import one_line
 from uavbench.metrics import Comparison, Interval, mean_interval
 from uavbench.reference import Gaps, Reference
 from uavbench.results import Result
@@ -42,12 +43,12 @@ def scenario_text(scenario: Scenario) -> Text:
     """Return what `uavbench show` prints: the parameters and the map."""
     text = Text()
     text.append(f"{scenario.id}", style="bold")
-    text.append(f"  {scenario.title}\n")
-    text.append(f"digest {scenario.digest}\nfile {scenario.path}\n\n")
+    text.append(f"  {one_line(scenario.title)}\n")  # a title comes from anybody, and may steer the terminal
+    text.append(f"digest {scenario.digest}\nfile {one_line(scenario.path)}\n\n")
     parts = scenario.model_dump(mode="json", exclude={"id", "title", "path", "rows"})
     for name, value in _flat(parts):
         text.append(f"{name:32}", style="cyan")
-        text.append(f"{value}\n")
+        text.append(f"{one_line(value)}\n")
     text.append("\n")
     for row in scenario.rows:
         for cell in row:

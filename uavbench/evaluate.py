@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from uavbench.agent import AgentSource
 from uavbench.alarm import TimeUpError, alarm, set_alarm
 from uavbench.city import HOVER, NUM_ACTIONS
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
 from uavbench.keyed import AGENT, stream
 from uavbench.memory import episodes_at_once
 from uavbench.observation import Observation, Observer
@@ -307,9 +307,11 @@ def _action(job: Job, answer: Any, call: str, where: _Where) -> int:
     value = _array(job, answer, call, where)
     if value.shape != () or value.dtype.kind not in "iu":
         shape = f" of shape {value.shape}" if value.shape else ""
-        raise _complaint(job, where, f"{call} returned {answer!r} ({value.dtype}{shape}), expected an integer from 0 to 5")
+        raise _complaint(
+            job, where, f"{call} returned {one_line(answer, repr)} ({value.dtype}{shape}), expected an integer from 0 to 5"
+        )
     if not 0 <= value < NUM_ACTIONS:
-        raise _complaint(job, where, f"{call} returned {answer!r}, expected an integer from 0 to 5")
+        raise _complaint(job, where, f"{call} returned {one_line(answer, repr)}, expected an integer from 0 to 5")
     return int(value)
 
 
@@ -318,7 +320,9 @@ def _array(job: Job, answer: Any, call: str, where: _Where) -> NDArray[Any]:
     try:
         return np.asarray(answer)
     except Exception as error:
-        raise _complaint(job, where, f"{call} returned {answer!r}, which is no array of integers: {error}") from None
+        raise _complaint(
+            job, where, f"{call} returned {one_line(answer, repr)}, which is no array of integers: {one_line(error)}"
+        ) from None
 
 
 def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
@@ -348,8 +352,8 @@ def _guard(job: Job, call: str, where: _Where, function: Callable[[], Any]) -> A
         raise _complaint(job, where, f"{call} took longer than {limit:g} s\n{_trace()}") from None
     except (Exception, SystemExit) as error:
         if call == "__init__()" and isinstance(error, Exception) and job.source.meant(error):
-            raise _complaint(job, where, str(error)) from None
-        raise _complaint(job, where, f"{call} raised {type(error).__name__}: {error}\n{_trace()}") from error
+            raise _complaint(job, where, one_line(error)) from None
+        raise _complaint(job, where, f"{call} raised {type(error).__name__}: {one_line(error)}\n{_trace()}") from error
     if limit is not None and time.perf_counter() - started > limit:
         raise _complaint(job, where, f"{call} took {time.perf_counter() - started:.1f} s, longer than {limit:g} s")
     return answer

@@ -34,6 +34,19 @@ SOURCE_BYTES = 2**24  # of an agent's Python file
 _MOST_DOTS = 200  # in a line of TOML: the parser's time and memory grow with their square
 
 
+_LONGEST_NAME = 100
+#: Names that Windows keeps for devices, whatever stands behind a dot.
+_RESERVED = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    "CONIN$",
+    "CONOUT$",
+    *(f"{port}{n}" for port in ("COM", "LPT") for n in "0123456789¹²³"),
+}
+
+
 class FileError(UavbenchError, OSError):
     """A file that cannot be read; the message names it and says why."""
 
@@ -188,6 +201,24 @@ def _read_array(table: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]
     return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran_order else "C").copy()
 
 
+def check_name(name: str) -> None:
+    """Refuse a name that no file or folder can have on some system, or that breaks the lines it is printed in.
+
+    Raises
+    ------
+    ValueError
+        Then; the message says why.
+    """
+    if not name or len(name) > _LONGEST_NAME:
+        raise ValueError(f"{one_line(name, repr)}: a name has 1 to {_LONGEST_NAME} characters")
+    if not name.isprintable() or set(name) & set('<>:"/\\|?*'):
+        raise ValueError(f"{one_line(name, repr)}: holds characters that names of files cannot have on every system")
+    if name[0] in ". " or name[-1] in ". ":
+        raise ValueError(f"{name!r}: begins or ends with a dot or a space, which Windows drops")
+    if name.split(".")[0].rstrip().upper() in _RESERVED:
+        raise ValueError(f"{name!r}: Windows reserves this name for a device; choose another")
+
+
 def check_writable(folder: Path) -> None:
     """Make a folder if need be, and raise the OSError that writing into it would, before the work is done."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -207,6 +238,8 @@ def write_whole(path: Path, content: bytes) -> None:
 def write_together(contents: Mapping[Path, bytes]) -> None:
     """Write files, each as a whole, and none before all are on the disk and can take their places."""
     temporary = {path: path.with_name(f".{path.name}.{os.getpid()}") for path in contents}
+    for path in contents:
+        _remove_left(path)
     try:
         for path, content in contents.items():
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -222,6 +255,28 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
         for path in temporary.values():
             with contextlib.suppress(OSError):
                 path.unlink()
+
+
+def _remove_left(path: Path) -> None:
+    """Remove what a process left beside ``path`` that was killed while it wrote it."""
+    with contextlib.suppress(OSError):
+        for left in path.parent.iterdir():
+            before, _, pid = left.name.rpartition(".")
+            if before == f".{path.name}" and pid.isdecimal() and not _lives(int(pid)):
+                left.unlink()
+
+
+def _lives(pid: int) -> bool:
+    """Say whether a process may still be there; where that cannot be asked, it may be."""
+    if os.name == "nt":  # os.kill(pid, 0) would end it
+        return True
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def replace_folders(new: Mapping[Path, Path]) -> None:

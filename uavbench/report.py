@@ -1,6 +1,8 @@
 """Results in tables and figures: a folder that a paper can take from."""
 
+import html
 import io
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +20,7 @@ from uavbench.replay import check_paired, flown_in
 from uavbench.results import Result, ResultError, deliver
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
+from uavbench.spreadsheet import plain_cell
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -83,7 +86,7 @@ def write_report(
     files = {
         "comparison.md": _markdown(rows, compared.subject).encode(),
         "comparison.tex": _latex(rows, compared.subject).encode(),
-        "comparison.csv": _numbers(compared).to_csv(index=False, lineterminator="\n").encode(),
+        "comparison.csv": _csv(compared).encode(),
     }
     for name in files:
         on_file(folder / name)
@@ -145,6 +148,12 @@ def _numbers(compared: Compared) -> "pd.DataFrame":
     return pd.DataFrame(rows).assign(steps=steps)
 
 
+def _csv(compared: Compared) -> str:
+    """Return the numbers as a file that spreadsheets read without taking a name for a formula."""
+    numbers = _numbers(compared).assign(agent=[plain_cell(name) for name in compared.names])
+    return numbers.to_csv(index=False, lineterminator="\n")
+
+
 def _comparison(compared: Compared) -> list[list[str]]:
     """Return the rows of the table as people read it, the head first."""
     rows = [["agent", *(NAMES[name] for name in METRICS), f"CRAL − {compared.names[0]}", "steps"]]
@@ -161,9 +170,16 @@ def _cell(row: Mapping[Any, Any], name: str, sign: str = "") -> str:
 
 
 def _markdown(rows: Sequence[Sequence[str]], subject: str) -> str:
-    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    head, *body = rows
+    cells = [[_marked(cell) for cell in head], *([_marked(name), *numbers] for name, *numbers in body)]
+    lines = ["| " + " | ".join(row) + " |" for row in cells]
     lines.insert(1, "| --- |" + " ---: |" * (len(rows[0]) - 1))
     return "\n".join([f"{subject}; in %, with {_INTERVALS}; steps are means.", "", *lines]) + "\n"
+
+
+def _marked(text: str) -> str:
+    """Return text that Markdown shows as it is, HTML in it too."""
+    return re.sub(r"([\\`*|\[\]])", r"\\\1", html.escape(text, quote=False))
 
 
 def _latex(rows: Sequence[Sequence[str]], subject: str) -> str:

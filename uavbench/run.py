@@ -20,7 +20,16 @@ from uavbench.agent import AgentSource
 from uavbench.episode import Columns, check_split, split_size
 from uavbench.errors import one_line
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.files import ARRAYS_BYTES, FileError, check_writable, pack_arrays, read_bounded, unpack_arrays, write_whole
+from uavbench.files import (
+    ARRAYS_BYTES,
+    FileError,
+    check_name,
+    check_writable,
+    pack_arrays,
+    read_bounded,
+    unpack_arrays,
+    write_whole,
+)
 from uavbench.replay import fly_recorded
 from uavbench.resources import scenario_paths
 from uavbench.results import Result, ResultError, identity, load_result, publish
@@ -54,6 +63,10 @@ def jobs(
     planned: list[tuple[Job, int]] = []
     names = [each for name in scenarios or [source.trained_on] for each in (scenario_paths() if name == "all" else [name])]
     source.load()
+    try:
+        check_name(source.name)
+    except ValueError as error:
+        raise ResultError(f"agent: {error}: results are filed under it") from None
     for name in dict.fromkeys(names):
         scenario = load_scenario(name)
         declined = source.declines(scenario) if scenarios and name not in scenarios else None

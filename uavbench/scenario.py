@@ -84,7 +84,7 @@ class Scenario(Record):
         The file it was read from.
     """
 
-    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
+    id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
     title: str
     map: str
     budget: tuple[Count, Count]

@@ -3,7 +3,6 @@
 import os
 import platform
 import re
-import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any, cast
 import tomli_w
 from pydantic import ValidationError
 
-from uavbench.files import FileError, read_toml, replace_folders
+from uavbench.files import ARRAYS_BYTES, FileError, read_bounded, read_toml, replace_folders
 from uavbench.leaderboard.submission import (
     LARGEST,
     MANIFEST,
@@ -122,7 +121,7 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
     except FileExistsError:
         raise SubmissionError(f"{result.folder}: two results on {folder.name}: a submission has one a scenario") from None
     for file in ("episodes.csv", "actions.npz"):
-        shutil.copyfile(result.folder / file, folder / file)
+        (folder / file).write_bytes(read_bounded(result.folder / file, ARRAYS_BYTES))
     (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json")), encoding="utf-8")
     return folder
 
