@@ -301,3 +301,15 @@ def test_help_and_import_leave_the_heavy_libraries_alone():
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("words", [("list",), ("show", "Block8-CPP-v0")])
+def test_scenarios_are_shown_without_waiting_for_a_compiler(words):
+    program = (
+        "import sys\nfrom uavbench.cli import app\n"
+        f"try:\n    app({list(words)!r})\nexcept SystemExit:\n    pass\n"
+        "print('imported:', *({'numba', 'joblib', 'torch', 'matplotlib', 'pandas', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "Block8-CPP-v0" in done.stdout
+    assert done.stdout.splitlines()[-1].strip() == "imported:"

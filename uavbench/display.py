@@ -13,14 +13,14 @@ from rich.table import Table
 from rich.text import Text
 
 from uavbench.errors import one_line
-from uavbench.metrics import Comparison, Interval, mean_interval
-from uavbench.reference import Gaps, Reference
-from uavbench.results import Result
 from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
-from uavbench.train import Point
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # listing scenarios must not wait for a compiler
     from uavbench.leaderboard.ranking import Row
+    from uavbench.metrics import Comparison, Interval
+    from uavbench.reference import Gaps, Reference
+    from uavbench.results import Result
+    from uavbench.train import Point
 
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 _LONGEST_HEAD = 20  # characters of an agent's name in a column's head
@@ -67,7 +67,7 @@ def _flat(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield f"{prefix}{name}", value
 
 
-def result_table(result: Result) -> Group:
+def result_table(result: "Result") -> Group:
     """Return the scores that `uavbench evaluate` prints, in per cent."""
     summary = result.summary
     title = f"{summary['agent']} on {summary['scenario']}, {summary['episodes']} {summary['split']} episodes"
@@ -79,7 +79,7 @@ def result_table(result: Result) -> Group:
     return Group(Text(title, style="bold"), table)
 
 
-def comparison_table(first: Result, second: Result, comparison: Mapping[str, Comparison]) -> Group:
+def comparison_table(first: "Result", second: "Result", comparison: "Mapping[str, Comparison]") -> Group:
     """Return what `uavbench compare` prints, in percentage points."""
     a, b = first.summary["agent"], second.summary["agent"]
     if a == b:
@@ -100,7 +100,7 @@ def comparison_table(first: Result, second: Result, comparison: Mapping[str, Com
     return Group(Text(title, style="bold"), table)
 
 
-def gaps_text(gaps: Gaps) -> str:
+def gaps_text(gaps: "Gaps") -> str:
     """Return how far a result is from what is known, in percentage points of CRAL."""
     lines: list[str] = []
     for label, gap, count in (("bound", gaps.to_bound, gaps.bounded), ("best known", gaps.to_best, gaps.compared)):
@@ -114,8 +114,10 @@ def gaps_text(gaps: Gaps) -> str:
     return "\n".join(lines)
 
 
-def reference_table(scenario: Scenario, reference: Reference) -> Group:
+def reference_table(scenario: Scenario, reference: "Reference") -> Group:
     """Return what `uavbench bound` prints: means of what is known, in per cent."""
+    from uavbench.metrics import mean_interval
+
     known = list(reference.values())
     bound, best = (np.array([getattr(k, name) for k in known]) for name in ("upper_bound", "best_known"))
     table = Table(header_style="bold")
@@ -135,7 +137,7 @@ def _count(episodes: int) -> str:
     return f"{episodes:,} episode{'s' if episodes != 1 else ''}"
 
 
-def _bounds(interval: Interval, sign: str = "") -> str:
+def _bounds(interval: "Interval", sign: str = "") -> str:
     return f"[{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
 
 
@@ -237,7 +239,7 @@ class TrainingProgress:
         """Show that ``updates`` are done."""
         self._progress.update(self._task, completed=updates)
 
-    def add_point(self, point: Point) -> None:
+    def add_point(self, point: "Point") -> None:
         """Print the scores of a validation, in per cent."""
         scores = ", ".join(f"{NAMES[name]} {100 * getattr(point, name):.1f}" for name in NAMES)
         self._progress.console.print(
