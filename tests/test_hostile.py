@@ -245,7 +245,7 @@ RECORDS = {
     "lengths are too long": lambda a: a | {"lengths": a["lengths"] + 1},
     "actions are flat": lambda a: a | {"actions": a["actions"].reshape(-1)},
     "actions are others": lambda a: a | {"actions": a["actions"] * 0},
-    "a score is another": lambda a: a | {"cr": np.ones_like(a["cr"])},
+    "a score is another": lambda a: a | {"cr": a["cr"] / 2},
     "the return is another": lambda a: a | {"total_reward": a["total_reward"] + 1},
     "spent is text": lambda a: a | {"spent": np.array("long")},
     "spent is infinite": lambda a: a | {"spent": np.array(np.inf)},
@@ -261,12 +261,15 @@ def test_crafted_records_of_an_interrupted_run_do_not_become_a_result(change, tm
         with pytest.raises(KeyboardInterrupt):
             run(flying, 3, tmp_path)
     path = tmp_path / "Block8-CPP-v0" / "greedy.partial" / "records.npz"
+    kept = path.read_bytes()
     path.write_bytes(pack_arrays(RECORDS[change](unpack_arrays(path.read_bytes()))))
     with pytest.raises(ResultError, match=r"records\.npz: damaged .* delete its folder") as caught:
         run(flying, 3, tmp_path, resume=True)
     assert "\n" not in str(caught.value)
-    path.unlink()
-    assert replay(run(flying, 3, tmp_path, resume=True)) == []
+    path.write_bytes(kept)
+    flown: list[int] = []
+    assert replay(run(flying, 3, tmp_path, resume=True, on_record=lambda record: flown.append(record.episode))) == []
+    assert flown == [0, 1, 2]
 
 
 def interrupted(flying, numbers, workers):

@@ -293,3 +293,49 @@ def test_what_a_scenario_says_of_itself_cannot_steer_the_terminal(own):
     assert told.exit_code == 0
     assert "?[31mred?" in told.output
     assert "\x1b" not in told.output
+
+
+def test_frozen_episodes_of_a_narrower_budget_are_refused_until_they_are_drawn_anew(own):
+    from commands import uavbench_command
+
+    from uavbench.freeze import freeze
+    from uavbench.simulator import Simulator
+
+    text = own.read_text()
+    own.write_text(text + "\n" + freeze(load_scenario(own)))
+    Simulator(load_scenario(own), 1).reset([0], "test", [0])
+    edit(own, "budget = [10, 30]", "budget = [5, 60]")  # all frozen ones fit
+    with pytest.raises(ScenarioError, match=r"splits\.test\.file: .*choose a new id.*freeze --replace"):
+        Simulator(load_scenario(own), 1).reset([0], "test", [0])
+    assert "--replace" in uavbench_command("freeze", own).output
+    told = uavbench_command("freeze", own, "--replace")
+    assert told.exit_code == 0, told.output
+    own.write_text(text.replace("budget = [10, 30]", "budget = [5, 60]") + "\n" + told.stdout)
+    Simulator(load_scenario(own), 1).reset([0], "test", [0])
+    assert "frozen already" in uavbench_command("freeze", scenario_paths()["Block8-CPP-v0"], "--replace").output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("[rewards]", "rewards = 3\n[other]", "rewards: 3 is not a table"),
+        ('kind = "coverage"', "", "mission.kind: is missing"),
+        ("title", "\ufefftitle", "is not TOML"),
+    ],
+)
+def test_messages_are_not_those_of_libraries(own, old, new, reason):
+    edit(own, old, new)
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(own)
+    assert reason in str(caught.value) or "unknown key" in str(caught.value)
+
+
+def test_a_byte_order_mark_and_a_picture_in_place_of_a_map(own):
+    own.write_bytes(b"\xef\xbb\xbf" + own.read_bytes())
+    load_scenario(own)
+    (own.parent / "my.txt").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")
+    with pytest.raises(ScenarioError, match=r"map: .*my\.txt: is not text in UTF-8"):
+        load_scenario(own)
+    (own.parent / "my.txt").write_bytes(b"BM\0\0\0\n" * 8)
+    with pytest.raises(ScenarioError, match="this is no map"):
+        load_scenario(own)

@@ -79,13 +79,15 @@ def result_table(result: "Result") -> Group:
     return Group(Text(title, style="bold"), table)
 
 
-def comparison_table(first: "Result", second: "Result", comparison: "Mapping[str, Comparison]") -> Group:
+def comparison_table(first: "Result", second: "Result", comparison: "Mapping[str, Comparison]", episodes: int) -> Group:
     """Return what `uavbench compare` prints, in percentage points."""
     a, b = first.summary["agent"], second.summary["agent"]
     if a == b:
         a, b = str(first.folder), str(second.folder)
     better = a if len(a) <= _LONGEST_HEAD else "first"
-    title = f"{a} - {b} on {first.summary['scenario']}, {first.summary['episodes']} paired episodes"
+    most = max(first.summary["episodes"], second.summary["episodes"])
+    common = f" (of {most}, those that both flew)" if episodes < most else ""
+    title = f"{a} - {b} on {first.summary['scenario']}, {episodes} paired episodes{common}"
     table = Table(header_style="bold")
     for column in ("metric", "difference, points", "95 % CI", f"P({escape(better)} better) %", "95 % CI"):
         table.add_column(column, justify="left" if column == "metric" else "right")

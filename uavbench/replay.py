@@ -151,22 +151,31 @@ def fly_recorded(
     )
 
 
-def compare_results(first: Result, second: Result) -> dict[str, Comparison]:
-    """Compare two results on the same episodes, metric by metric.
+def compare_results(first: Result, second: Result) -> tuple[dict[str, Comparison], int]:
+    """Compare two results on the episodes that both flew, metric by metric.
+
+    Returns
+    -------
+    comparison : dict of str to Comparison
+        By the metric's name.
+    episodes : int
+        On how many episodes: the first ones, as many as the shorter result has.
 
     Raises
     ------
     ResultError
-        When they are not of the same scenario, split and episodes.
+        When they are not of the same scenario and split.
     """
     check_paired(first, second)
     a, b = first.scores(), second.scores()
-    return {name: compare(a[name].to_numpy(np.float64), b[name].to_numpy(np.float64)) for name in METRICS}
+    episodes = min(len(a), len(b))
+    paired = {name: (a[name].to_numpy(np.float64)[:episodes], b[name].to_numpy(np.float64)[:episodes]) for name in METRICS}
+    return {name: compare(*values) for name, values in paired.items()}, episodes
 
 
 def check_paired(first: Result, second: Result) -> None:
-    """Refuse to compare results that are not of the same scenario, split and episodes, by a ResultError."""
-    for field in ("scenario", "scenario_digest", "split", "episodes"):
+    """Refuse to compare results that are not of the same scenario and split, by a ResultError."""
+    for field in ("scenario", "scenario_digest", "split"):
         if first.summary[field] != second.summary[field]:
             raise ResultError(
                 f"cannot compare: {field} is {first.summary[field]} in {first.folder}, "

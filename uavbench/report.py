@@ -54,8 +54,10 @@ class Compared:
 
     @property
     def subject(self) -> str:
-        """Scenario, split and number of episodes."""
-        return f"{self.scenario.id}, {self.split} split, {len(self.tables[0]):,} episodes"
+        """Scenario, split and number of episodes: of those that every agent flew."""
+        common, most = len(self.tables[0]), max(result.summary["episodes"] for result in self.results)
+        hint = f" (of {most:,}, those that all flew)" if common < most else ""
+        return f"{self.scenario.id}, {self.split} split, {common:,} episodes{hint}"
 
 
 def write_report(
@@ -112,6 +114,8 @@ def _compare(results: Sequence[Result], scenario_file: str | None) -> Compared:
     for other in results[1:]:
         check_paired(results[0], other)
     tables = [result.scores() for result in results]
+    common = min(len(table) for table in tables)  # every result begins with episode 0
+    tables = [table.iloc[:common] for table in tables]
     return Compared(_names(results, folders), results, tables, scenario, split)
 
 

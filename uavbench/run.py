@@ -36,7 +36,7 @@ from uavbench.results import Result, ResultError, identity, load_result, publish
 from uavbench.scenario import load_scenario
 
 _CHECKPOINT_SECONDS = 10.0
-_KINDS = {"int": "i", "float": "f", "bool": "b"}  # of a record's fields, as NumPy names them
+_KINDS: dict[Any, str] = {int: "i", float: "f", bool: "b"}  # of a record's fields, as NumPy names them
 _TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
 
 
@@ -212,7 +212,7 @@ def _read_spent(columns: Columns) -> float:
 
 def _read_records(columns: Columns) -> dict[int, EpisodeRecord]:
     """Return the records by their episodes' numbers: each once, of numbers that can be."""
-    kinds = {field.name: _KINDS[str(field.type)] for field in fields(EpisodeRecord) if field.name != "actions"}
+    kinds = {field.name: _KINDS[field.type] for field in fields(EpisodeRecord) if field.name != "actions"}
     lengths, actions = columns["lengths"], columns["actions"]
     count = len(lengths)
     for name in ("lengths", *kinds):
@@ -278,7 +278,8 @@ class _Partial:
                     "run without --resume, with --overwrite, to start over"
                 )
         for record in records.values():  # else a damaged file would become a result that no replay gives
-            again = fly_recorded(self._job.scenario, self._job.split, record.episode, record.actions)
+            known = record.episode < self._identity["episodes"]
+            again = fly_recorded(self._job.scenario, self._job.split, record.episode, record.actions) if known else None
             if again is None or not _alike(record, again):
                 raise ResultError(
                     f"{self._path}: damaged (episode {record.episode} is not what its actions give); "

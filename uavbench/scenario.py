@@ -220,6 +220,8 @@ def _check_map(rows: tuple[str, ...]) -> None:
     for r, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise ValueError(f"row {r} has {len(row)} cells, row 0 has {len(rows[0])}: all rows must be of one length")
+        if not row.isprintable():
+            raise ValueError("this is no map: write rows of '.', 'L', 'N' and '#', as text")
         for c, cell in enumerate(row):
             if cell not in (FREE, LANDING, NO_FLY, BUILDING):
                 raise ValueError(f"row {r}, column {c}: unknown cell {cell!r}; use '.', 'L', 'N' or '#'")
@@ -242,6 +244,7 @@ def _check_map(rows: tuple[str, ...]) -> None:
 
 
 _MAP_BYTES = 2**21  # twice what the largest map takes
+_TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's names of errors where a table was expected
 _REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
 
 
@@ -253,6 +256,10 @@ def _first(error: ValidationError) -> str:
     reason = _REASONS.get(first["type"], first["msg"].removeprefix("Value error, "))
     if first["type"] == "union_tag_invalid":
         place, reason = "mission.kind", f"{first.get('ctx', {}).get('tag')!r} is not 'coverage' or 'harvesting'"
+    elif first["type"] in _TABLES:
+        reason = f"{first['input']!r} is not a table: write [{place}], and its values below"
+    elif first["type"] == "union_tag_not_found":
+        place, reason = "mission.kind", "is missing: write 'coverage' or 'harvesting'"
     elif first["type"] == "string_pattern_mismatch":
         reason = f"{first['input']!r} is not of the form expected" + (", as in MyCity-CPP-v0" if place == "id" else "")
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
