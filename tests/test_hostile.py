@@ -312,3 +312,16 @@ def test_what_an_agent_raises_need_not_be_printable(text, tmp_path):
     with pytest.raises(UavbenchError) as caught:
         run(Job(source, load_scenario("Block8-CPP-v0"), "test"), 2, tmp_path / "out")
     assert str(path.name) in str(caught.value) or "mine" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "record",
+    ["[" * 100_000, "[]", "7", '{"agent": [], "scenario": 3}', '{"agent": "ddqn", "scenario": {}}', "{", '{"agent": ["ddqn"]}'],
+)
+def test_crafted_records_of_a_training_are_one_line(record, tmp_path):
+    safetensors = pytest.importorskip("safetensors.numpy")
+    path = tmp_path / "crafted.safetensors"
+    path.write_bytes(safetensors.save({"a": np.zeros(3, np.float32)}, metadata={"uavbench": record}))
+    with pytest.raises(UavbenchError, match=r"crafted\.safetensors") as caught:
+        find_agent(str(path))
+    assert "\n" not in str(caught.value)

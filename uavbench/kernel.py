@@ -93,19 +93,28 @@ def _cache_folder() -> str | None:
     return None
 
 
-class _CheckedFile(caching.IndexDataCacheFile):
+_IndexDataCacheFile: Any = caching.IndexDataCacheFile  # which has no types
+
+
+def _base(file: Any) -> Any:
+    """Return ``super()`` of a `_CheckedFile`, untyped as Numba is."""
+    parent: Any = super(_CheckedFile, file)  # pyright: ignore[reportUnknownVariableType]
+    return parent
+
+
+class _CheckedFile(_IndexDataCacheFile):
     """Numba's files of one function, each with the SHA-256 of what follows it; a damaged one counts as missing."""
 
     def save(self, key: Any, data: Any) -> None:
         """Save machine code; where it cannot be written, it stays uncached."""
         try:
-            super().save(key, data)
+            _base(self).save(key, data)
         except OSError as error:
             _warn(f"compiled code is not cached: {self._cache_path}: {error.strerror}")
 
     @contextlib.contextmanager
     def _open_for_write(self, filepath: str) -> Generator[io.BytesIO]:
-        with super()._open_for_write(filepath) as file:
+        with _base(self)._open_for_write(filepath) as file:
             buffer = io.BytesIO()
             yield buffer
             file.write(buffer.getvalue() + hashlib.sha256(buffer.getvalue()).digest())
@@ -113,7 +122,7 @@ class _CheckedFile(caching.IndexDataCacheFile):
     def _load_index(self) -> Any:
         try:
             _check_digest(self._index_path)
-            return super()._load_index()
+            return _base(self)._load_index()
         except FileNotFoundError:
             return {}
         except Exception:
@@ -123,7 +132,7 @@ class _CheckedFile(caching.IndexDataCacheFile):
     def _load_data(self, name: str) -> Any:
         try:
             _check_digest(self._data_path(name))
-            return super()._load_data(name)
+            return _base(self)._load_data(name)
         except FileNotFoundError:
             raise
         except Exception:

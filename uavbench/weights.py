@@ -69,7 +69,8 @@ def _read_record(file: Any) -> dict[str, Any]:
     KeyError, ValueError, RecursionError
         When it says nothing, or it is no such table.
     """
-    record: Any = json.loads((file.metadata() or {})[_RECORD])
+    about: dict[str, str] = file.metadata() or {}
+    record: Any = json.loads(about[_RECORD])
     if not isinstance(record, dict):
         raise ValueError("its record is no table")
     for name in ("agent", "scenario"):

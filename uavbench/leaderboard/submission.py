@@ -30,8 +30,8 @@ LARGEST = {MANIFEST: TOML_BYTES, "episodes.csv": 2**22, "actions.npz": 2**22}
 
 
 #: Characters that Python calls printable and that show nothing: fillers, blanks and selectors of variants.
-_UNSEEN = {0x34F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x2800, 0x3164, 0xFFA0}
-_UNSEEN |= {*range(0x180B, 0x1810), *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0)}
+_SINGLE = {0x34F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x2800, 0x3164, 0xFFA0}
+_UNSEEN = _SINGLE | {*range(0x180B, 0x1810), *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0)}
 
 
 def _printable(text: str) -> str:
