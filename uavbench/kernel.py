@@ -98,8 +98,7 @@ _IndexDataCacheFile: Any = caching.IndexDataCacheFile  # which has no types
 
 def _base(file: Any) -> Any:
     """Return ``super()`` of a `_CheckedFile`, untyped as Numba is."""
-    parent: Any = super(_CheckedFile, file)  # pyright: ignore[reportUnknownVariableType]
-    return parent
+    return cast("Any", super(_CheckedFile, file))
 
 
 class _CheckedFile(_IndexDataCacheFile):
