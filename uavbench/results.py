@@ -198,9 +198,10 @@ def load_result(folder: Path) -> Result:
     """
     path = folder / "summary.json"
     try:
+        summary = json.loads(read_text(path, _SUMMARY_BYTES))
         for name, most in {"episodes.csv": TABLE_BYTES, "actions.npz": _MOST_BYTES}.items():
             check_plain(folder / name, most)
-        return checked_result(folder, json.loads(read_text(path, _SUMMARY_BYTES)))
+        return checked_result(folder, summary)
     except NoFileError as error:
         raise ResultError(f"{error}; give a folder that uavbench evaluate wrote") from None
     except FileError as error:
