@@ -46,8 +46,8 @@ def test_it_decides_by_the_method_that_fits_the_scenario(name, alone, team):
     ("spec", "message"),
     [
         ("gredy", "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp"),
-        ("missing.py", "no file missing.py"),
-        ("missing.py:Class", "no file missing.py"),
+        ("missing.py", "missing.py: there is no such file"),
+        ("missing.py:Class", "missing.py: there is no such file"),
     ],
 )
 def test_what_is_not_there_is_refused(spec, message):
@@ -134,3 +134,22 @@ def test_an_edited_file_is_loaded_anew(tmp_path):
     assert find_agent(str(path)).load()(None).act({}, {}) == 4
     path.write_text(text.replace("4\n", "3\n"))
     assert find_agent(str(path)).load()(None).act({}, {}) == 3
+
+
+def test_a_template_that_does_not_fit_on_the_disk_leaves_no_file(tmp_path, monkeypatch):
+    from uavbench.agent import AgentLoadError, write_template
+
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full to write to")
+    opened = Path.open
+
+    def full(self, *words, **named):
+        if self.suffix == ".py" and "x" in words:
+            opened(self, *words, **named).close()
+            return opened(Path("/dev/full"), "w", encoding="utf-8")
+        return opened(self, *words, **named)
+
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(AgentLoadError, match="No space left"):
+        write_template(tmp_path / "mine.py")
+    assert list(tmp_path.iterdir()) == []

@@ -84,7 +84,7 @@ def test_help_has_examples_for_every_command(call):
         (["show", "manhattan32-cpp-v0"], "did you mean Manhattan32-CPP-v0?"),
         (["freeze", "Block8-CPP-v0"], "splits.validation.file: frozen already"),
         (["evaluate", "--agent", "greedy", "--weights", __file__], ": greedy takes no weights"),
-        (["train", "nowhere.py"], "agent nowhere.py: there is no file"),
+        (["train", "nowhere.py"], "agent nowhere.py: there is no such file"),
         (
             ["evaluate", "--agent", "gredy"],
             "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp",
@@ -93,8 +93,8 @@ def test_help_has_examples_for_every_command(call):
         (["evaluate", "--agent", "random", "--split", "tset"], "--split"),
         (["evaluate", "--agent", "random", "--episodes", "5000"], "has 1000 test episodes"),
         (["evaluate", "--agent", f"{AGENTS}:Mute"], "has neither act"),
-        (["replay", "nowhere"], "summary.json: missing"),
-        (["compare", "nowhere", "elsewhere"], "summary.json: missing"),
+        (["replay", "nowhere"], "summary.json: there is no such file"),
+        (["compare", "nowhere", "elsewhere"], "summary.json: there is no such file"),
         (["freeze", "nowhere.toml"], "there is no such file"),
         (["new", "no/such/folder.py"], "cannot write it"),
         (["new", "my_agent"], "end in .py"),
@@ -413,3 +413,15 @@ def test_help_and_import_leave_the_heavy_libraries_alone():
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("words", [("list",), ("show", "Block8-CPP-v0")])
+def test_scenarios_are_shown_without_waiting_for_a_compiler(words):
+    program = (
+        "import sys\nfrom uavbench.cli import app\n"
+        f"try:\n    app({list(words)!r})\nexcept SystemExit:\n    pass\n"
+        "print('imported:', *({'numba', 'joblib', 'torch', 'matplotlib', 'pandas', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "Block8-CPP-v0" in done.stdout
+    assert done.stdout.splitlines()[-1].strip() == "imported:"

@@ -1,5 +1,6 @@
 """Files of arrays: read back as written, and nothing else is read."""
 
+import hashlib
 import io
 import re
 import struct
@@ -11,7 +12,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from uavbench.files import finish_moves, pack_arrays, replace_folders, unpack_arrays, write_together, write_whole
+from uavbench.files import check_name, finish_moves, pack_arrays, replace_folders, unpack_arrays, write_together, write_whole
 
 ARRAYS = {"a": np.arange(6, dtype=np.uint8).reshape(2, 3), "b": np.array([1.5, np.inf]), "c": np.zeros((0, 4), dtype=np.int64)}
 
@@ -61,6 +62,24 @@ def test_arrays_come_back_as_they_were(compress):
     assert np.array_equal(unpack_arrays(fortran)["f"], ARRAYS["a"])
 
 
+def as_in_numpy_2_0(save):
+    """NumPy 2.0 and 2.1 take the keyword ``allow_pickle`` for an array of that name, and store it."""
+
+    def old_save(file, **arrays):
+        strange = {f"{name}_": np.asarray(value) for name, value in arrays.items() if name == "allow_pickle"}
+        save(file, **strange, **{name: value for name, value in arrays.items() if name != "allow_pickle"})
+
+    return old_save
+
+
+@pytest.mark.parametrize("compress", [True, False])
+def test_a_file_holds_the_arrays_given_and_no_other(compress, monkeypatch):
+    for name in ("savez", "savez_compressed"):
+        monkeypatch.setattr(np, name, as_in_numpy_2_0(getattr(np, name)))
+    with zipfile.ZipFile(io.BytesIO(pack_arrays(ARRAYS, compress=compress))) as table:
+        assert table.namelist() == ["a.npy", "b.npy", "c.npy"]
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
@@ -88,6 +107,17 @@ def test_arrays_come_back_as_they_were(compress):
 def test_anything_else_is_refused(content, reason):
     with pytest.raises(ValueError, match=reason):
         unpack_arrays(content)
+
+
+def test_objects_are_not_written():
+    with pytest.raises(ValueError, match="things: holds objects"):
+        pack_arrays({"things": np.array([{}], dtype=object)})
+
+
+def test_bytes_do_not_depend_on_the_version_of_numpy():
+    """The digests of frozen files are over these bytes."""
+    digest = hashlib.sha256(pack_arrays(ARRAYS)).hexdigest()
+    assert digest == "2023ee93fa38254a55430e641a8cae48e791ca7227cd807f044c24a3954a4f7a"
 
 
 def test_a_name_twice_is_refused():
@@ -246,3 +276,38 @@ def test_of_three_processes_that_publish_one_name_at_once_one_is_there_as_a_whol
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "x", "y"]
     assert (tmp_path / "x" / "file").read_text() == (tmp_path / "y" / "file").read_text()
     assert (tmp_path / "a").read_text() == (tmp_path / "b").read_text()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "",
+            "CON",
+            "aux",
+            "nul.txt",
+            "Lpt1.agent.py",
+            "com¹",
+            "agent.",
+            "agent ",
+            " agent",
+            ".agent",
+            "a/b",
+            "a:b",
+            "a" * 101,
+        ),
+        "a\\b",
+        "a\nb",
+        "a\0b",
+        "\u202ea",
+    ],
+)
+def test_names_that_some_system_cannot_file_are_refused(name):
+    with pytest.raises(ValueError, match=r"name|dot|characters") as caught:
+        check_name(name)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["agent", "my agent-2.1", "Console", "comb", "agents.One", "ünï", "飛行", "a" * 100])
+def test_other_names_may_be_filed(name):
+    check_name(name)

@@ -180,7 +180,7 @@ def test_what_a_model_says_of_itself_is_read_as_onnx_reads_it(tmp_path):
 
 
 def test_files_that_are_no_models(tmp_path):
-    with pytest.raises(AgentLoadError, match="there is no file"):
+    with pytest.raises(AgentLoadError, match="there is no such file"):
         find_agent(str(tmp_path / "model.onnx"))
     (tmp_path / "model.onnx").write_bytes(b"no model")
     with pytest.raises(AgentError, match=r"model\.onnx: not a model"):

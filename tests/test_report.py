@@ -79,7 +79,7 @@ def test_a_file_that_never_ends_is_not_waited_for(pictured, tmp_path):
         (folder / name).unlink()
         os.mkfifo(folder / name)
         told = uavbench_command("report", folder, "--out", tmp_path / "r")
-        assert (told.exit_code, f"{name}: not a plain file" in told.output) == (2, True), told.output
+        assert (told.exit_code, f"{name}: is not a plain file" in told.output) == (2, True), told.output
         (folder / name).unlink()
         (folder / name).write_bytes(content)
 
@@ -243,3 +243,29 @@ def test_a_group_that_is_none_is_refused(seeds, group, message):
         True,
     ), told.output
     assert not out.exists()
+
+
+def test_results_of_different_lengths_are_compared_on_what_all_have(pictured, tmp_path):
+    greedy, random = pictured["greedy", "Block8-DH-v0"], pictured["random", "Block8-DH-v0"]
+    short = run(Job(find_agent("random"), load_scenario("Block8-DH-v0"), "test"), 20, tmp_path / "short")
+    write_report([greedy, short], tmp_path / "mixed")
+    text = (tmp_path / "mixed" / "comparison.md").read_text()
+    assert "20 episodes (of 60, those that all flew)" in text
+    again = run(Job(find_agent("greedy"), load_scenario("Block8-DH-v0"), "test"), 20, tmp_path / "short")
+    write_report([again, short], tmp_path / "short-report")
+    rows = [(tmp_path / name / "comparison.csv").read_text() for name in ("mixed", "short-report")]
+    assert rows[0] == rows[1]
+    write_report([greedy, random], tmp_path / "whole")
+    assert "those that all flew" not in (tmp_path / "whole" / "comparison.md").read_text()
+
+
+def test_the_user_names_whom_the_others_are_compared_with(pictured, tmp_path):
+    folders = [pictured[name, "Block8-DH-v0"].folder for name in ("random", "greedy")]
+    told = uavbench_command("report", *folders, "--against", "greedy", "--out", tmp_path / "report")
+    assert told.exit_code == 0, told.output
+    table = pd.read_csv(tmp_path / "report" / "comparison.csv")
+    assert table["agent"].tolist() == ["greedy", "random"]
+    assert (table["cral_difference"].isna().tolist(), table["cral_difference"][1] < 0) == ([True, False], True)
+    told = uavbench_command("report", *folders, "--against", "planner", "--out", tmp_path / "none")
+    assert (told.exit_code, "--against planner: no entry has this name; there are random, greedy" in told.stderr) == (2, True)
+    assert not (tmp_path / "none").exists()

@@ -101,10 +101,10 @@ def test_a_users_own_scenario_loads_and_flies(own):
         ("crash = -150.0", "crash = nan", "rewards.crash", "finite"),
         ('kind = "coverage"', 'kind = "racing"', "mission.kind", "'racing' is not 'coverage' or 'harvesting'"),
         ('id = "Mine-v0"', 'id = "my city"', "id", "as in MyCity-CPP-v0"),
-        ('map = "my.txt"', 'map = "no.txt"', "map", "cannot read"),
+        ('map = "my.txt"', 'map = "no.txt"', "map", "there is no such file"),
         ("camera_size = 5", "camera_size = 4", "mission.camera_size", "1, 3, 5 or 7"),
         ("budget =", "rows = []\nbudget =", "rows", "unknown key"),
-        ("[rewards]", "[rewards", "TOML", "cannot read"),
+        ("[rewards]", "[rewards", "TOML", "is not TOML"),
     ],
 )
 def test_a_wrong_value_is_one_error_that_names_file_field_and_reason(own, old, new, field, reason):
@@ -165,7 +165,7 @@ def test_a_changed_frozen_file_is_refused(tmp_path):
     with pytest.raises(ScenarioError, match=r"splits\.test\.sha256: .* not the frozen file"):
         frozen_columns(found, "test")
     frozen.unlink()
-    with pytest.raises(ScenarioError, match=r"splits\.test\.file: cannot read"):
+    with pytest.raises(ScenarioError, match=r"splits\.test\.file: .*there is no such file"):
         frozen_columns(found, "test")
 
 
@@ -283,3 +283,59 @@ def test_the_digest_does_not_depend_on_where_the_file_is(own, tmp_path):
 
 def test_maps_need_not_be_square():
     assert scenario(("....L.", "......", "..##..", "......")).shape == (4, 6)
+
+
+def test_what_a_scenario_says_of_itself_cannot_steer_the_terminal(own):
+    edit(own, 'title = "', 'title = "\\u001b[31mred\\u0007 ')
+    from commands import uavbench_command
+
+    told = uavbench_command("show", own)
+    assert told.exit_code == 0
+    assert "?[31mred?" in told.output
+    assert "\x1b" not in told.output
+
+
+def test_frozen_episodes_of_a_narrower_budget_are_refused_until_they_are_drawn_anew(own):
+    from commands import uavbench_command
+
+    from uavbench.freeze import freeze
+    from uavbench.simulator import Simulator
+
+    text = own.read_text()
+    own.write_text(text + "\n" + freeze(load_scenario(own)))
+    Simulator(load_scenario(own), 1).reset([0], "test", [0])
+    edit(own, "budget = [10, 30]", "budget = [5, 60]")  # all frozen ones fit
+    with pytest.raises(ScenarioError, match=r"splits\.test\.file: .*choose a new id.*freeze --replace"):
+        Simulator(load_scenario(own), 1).reset([0], "test", [0])
+    assert "--replace" in uavbench_command("freeze", own).output
+    told = uavbench_command("freeze", own, "--replace")
+    assert told.exit_code == 0, told.output
+    own.write_text(text.replace("budget = [10, 30]", "budget = [5, 60]") + "\n" + told.stdout)
+    Simulator(load_scenario(own), 1).reset([0], "test", [0])
+    assert "frozen already" in uavbench_command("freeze", scenario_paths()["Block8-CPP-v0"], "--replace").output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "reason"),
+    [
+        ("[rewards]", "rewards = 3\n[other]", "rewards: 3 is not a table"),
+        ('kind = "coverage"', "", "mission.kind: is missing"),
+        ("title", "\ufefftitle", "is not TOML"),
+    ],
+)
+def test_messages_are_not_those_of_libraries(own, old, new, reason):
+    edit(own, old, new)
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(own)
+    assert reason in str(caught.value) or "unknown key" in str(caught.value)
+
+
+def test_a_byte_order_mark_and_a_picture_in_place_of_a_map(own):
+    own.write_bytes(b"\xef\xbb\xbf" + own.read_bytes())
+    load_scenario(own)
+    (own.parent / "my.txt").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR")
+    with pytest.raises(ScenarioError, match=r"map: .*my\.txt: is not text in UTF-8"):
+        load_scenario(own)
+    (own.parent / "my.txt").write_bytes(b"BM\0\0\0\n" * 8)
+    with pytest.raises(ScenarioError, match="this is no map"):
+        load_scenario(own)

@@ -315,7 +315,7 @@ def test_damaged_and_foreign_files_are_refused_in_one_line(tmp_path):
         ("rate = nan", "rate: nan is not"),
         ("temperature = 0", "temperature: 0"),
         ("replay = 1000", "replay: 1000 steps: 128 environments need 10 each"),
-        ("updates =", "cannot read"),
+        ("updates =", "is not TOML"),
     ],
 )
 def test_a_wrong_configuration_names_the_field(text, reason, tmp_path):

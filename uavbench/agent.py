@@ -17,7 +17,8 @@ from typing import Any, Literal
 
 from uavbench import resources
 from uavbench.agent_files import files_digest, import_agent
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
+from uavbench.files import MODEL_BYTES, SOURCE_BYTES, FileError, check_name, check_plain, read_bounded
 from uavbench.missions.registry import SHIPPED
 from uavbench.scenario import Scenario
 from uavbench.weights import WeightsError, check_trained, is_transfer, load_weights, training_record
@@ -106,7 +107,7 @@ class AgentSource:
             weights = resources.shipped_weights(self.path.stem).get(scenario.id)
         if weights is None:
             return self.sha256
-        found = hashlib.sha256(weights.read_bytes()).hexdigest()
+        found = hashlib.sha256(read_bounded(weights, MODEL_BYTES)).hexdigest()
         return found if self.path == _ONNX else hashlib.sha256((self.sha256 + found).encode()).hexdigest()
 
     @cached_property
@@ -152,7 +153,7 @@ class AgentSource:
             hint = ": pip install 'uavbench[ddqn]'" if error.name in ("torch", "safetensors") else ""
             raise AgentLoadError(f"{self.path}: needs {error.name}, which is not installed{hint}") from error
         except (Exception, SystemExit) as error:
-            raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {error}") from error
+            raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {one_line(error)}") from error
 
     def load(self) -> Any:
         """Return the agent's class; it is looked at once.
@@ -177,7 +178,9 @@ class AgentSource:
             )
         track = getattr(found, "track", "observation")
         if track not in TRACKS:
-            raise AgentLoadError(f"{self.path}: {self.class_name}.track is {track!r}; use 'observation' or 'state'")
+            raise AgentLoadError(
+                f"{self.path}: {self.class_name}.track is {one_line(track, repr)}; use 'observation' or 'state'"
+            )
         self._check_signature(found)
         if callable(getattr(found, "act_team", None)) and track != "state":
             raise AgentLoadError(
@@ -233,7 +236,6 @@ class AgentSource:
 
 
 _MODULES: dict[tuple[Path, str | None, str], ModuleType] = {}
-_BAD_NAME = re.compile(r"""[/\\:*?"<>|]|^[.\s]|[.\s]$""")  # that some system has no file of
 
 
 def find_agent(spec: str, weights: Path | None = None, name: str | None = None) -> AgentSource:
@@ -258,11 +260,13 @@ def find_agent(spec: str, weights: Path | None = None, name: str | None = None) 
     if weights is not None:
         if source.weights is not None:
             raise AgentLoadError(f"agent {spec}: these are weights themselves: leave --weights out")
-        source = replace(source, weights=_there(weights, f"--weights {weights}: there is no such file"))
+        source = replace(source, weights=_there("--weights", weights, MODEL_BYTES))
     source = replace(source, given_name=name)
-    if not source.name or not source.name.isprintable() or _BAD_NAME.search(source.name) or len(source.name) > 100:
-        what = "--name" if name is not None else f"agent {spec}"
-        raise AgentLoadError(f"{what}: no result can be filed under the name {source.name!r}: give another with --name NAME")
+    try:
+        check_name(source.name)
+    except ValueError as error:
+        what = "--name" if name is not None else f"agent {one_line(spec)}"
+        raise AgentLoadError(f"{what}: {error}: results are filed under it: give another name with --name NAME") from None
     return source
 
 
@@ -272,9 +276,9 @@ def _find(spec: str) -> AgentSource:
     if spec in built_in:
         return AgentSource(built_in[spec])
     if spec.endswith(".safetensors"):
-        return _trained(_there(Path(spec), f"agent {spec}: there is no such file"), built_in)
+        return _trained(_there("agent", Path(spec), MODEL_BYTES), built_in)
     if spec.endswith(".onnx"):
-        return AgentSource(_ONNX, weights=_there(Path(spec), f"agent {spec}: there is no file {spec}"))
+        return AgentSource(_ONNX, weights=_there("agent", Path(spec), MODEL_BYTES))
     name, _, class_name = spec.partition(".py:")
     if class_name:
         name += ".py"
@@ -285,15 +289,17 @@ def _find(spec: str) -> AgentSource:
             f"agent {spec}: neither a .py, .onnx or .safetensors file, nor package.module:Class, nor a built-in; built in are "
             f"{', '.join(built_in)}"
         )
-    return AgentSource(_there(Path(name), f"agent {spec}: there is no file {name}"), class_name or "Agent")
+    return AgentSource(_there("agent", Path(name), SOURCE_BYTES), class_name or "Agent")
 
 
-def _there(path: Path, otherwise: str) -> Path:
-    """Return a file's absolute path: an agent may change the current folder. Refuse what is no file."""
-    found = Path(os.path.abspath(path.expanduser()))  # noqa: PTH100  # a link keeps its name
-    if not found.is_file():
-        raise AgentLoadError(otherwise)
-    return found
+def _there(what: str, path: Path, most: int) -> Path:
+    """Return a file's absolute path: an agent may change the current folder. Refuse what is no file that can be read."""
+    try:
+        path = path.expanduser()
+    except RuntimeError:  # there is no such user
+        raise AgentLoadError(f"{what} {one_line(path)}: there is no such file") from None
+    _check(what, path, most)
+    return Path(os.path.abspath(path))  # noqa: PTH100  # a link keeps its name
 
 
 def _in_module(module: str, class_name: str) -> AgentSource:
@@ -310,6 +316,14 @@ def _in_module(module: str, class_name: str) -> AgentSource:
     if spec is None or spec.origin is None or not spec.origin.endswith(".py"):
         raise AgentLoadError(f"agent {module}:{class_name}: {module} is no Python file")
     return AgentSource(Path(spec.origin), class_name, module_name=module)
+
+
+def _check(what: str, path: Path, most: int) -> None:
+    """Refuse what is not a plain file that can be read, by an `AgentLoadError`."""
+    try:
+        check_plain(path, most)
+    except FileError as error:
+        raise AgentLoadError(f"{what} {error}") from None
 
 
 def _trained(weights: Path, built_in: dict[str, Path]) -> AgentSource:
@@ -341,7 +355,12 @@ def write_template(path: Path) -> None:
     template = Path(__file__).with_name("templates") / "agent.py"
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(template.read_text(encoding="utf-8").replace("FILE", path.name))
+            try:
+                file.write(template.read_text(encoding="utf-8").replace("FILE", path.name))
+                file.flush()
+            except OSError:
+                path.unlink()  # rather than an empty file, which the next try would take for an agent
+                raise
     except FileExistsError:
         raise AgentLoadError(f"{path}: exists already; choose another name") from None
     except OSError as error:

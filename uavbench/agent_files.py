@@ -15,6 +15,7 @@ from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
 from pathlib import Path
 from types import CodeType, ModuleType
 
+from uavbench.files import SOURCE_BYTES, read_bounded
 from uavbench.resources import baselines_folder
 
 _KEPT = {name.partition(".")[0] for name in (*sys.stdlib_module_names, *sys.modules)}  # that no agent's module replaces
@@ -78,7 +79,7 @@ def import_agent(path: Path, name: str | None = None) -> ModuleType:
     try:
         if name is not None:
             return importlib.import_module(name)
-        name = f"uavbench_agent_{path.stem}_{hashlib.sha256(path.read_bytes()).hexdigest()[:8]}"
+        name = f"uavbench_agent_{path.stem}_{hashlib.sha256(_content(path)).hexdigest()[:8]}"
         spec = importlib.util.spec_from_file_location(name, path, loader=_Source(name, str(path)))
         assert spec is not None
         assert spec.loader is not None
@@ -96,8 +97,13 @@ def files_digest(path: Path) -> str:
 
     Line ends do not count: a file has the same digest whether they are those of Unix or of Windows.
     """
-    found = sorted(hashlib.sha256(each.read_bytes().replace(b"\r\n", b"\n")).hexdigest() for each in agent_files(path))
+    found = sorted(hashlib.sha256(_content(each)).hexdigest() for each in agent_files(path))
     return found[0] if len(found) == 1 else hashlib.sha256("".join(found).encode()).hexdigest()
+
+
+def _content(path: Path) -> bytes:
+    """Return a file's bytes, with the line ends of Unix."""
+    return read_bounded(path, SOURCE_BYTES).replace(b"\r\n", b"\n")
 
 
 def agent_files(path: Path) -> list[Path]:
@@ -115,8 +121,8 @@ def agent_files(path: Path) -> list[Path]:
 def _imported(file: Path, folder: Path) -> Iterator[Path]:
     """Return the files in ``folder`` or among the baselines that a file's import statements name."""
     try:
-        tree = ast.parse(file.read_bytes())
-    except (SyntaxError, ValueError):  # which importing it tells
+        tree = ast.parse(read_bounded(file, SOURCE_BYTES))
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # which importing it tells
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):

@@ -242,7 +242,8 @@ def compare(first: ResultFolder, second: ResultFolder) -> None:
 
     try:
         a, b = flown(first), flown(second)
-        Console().print(comparison_table(a, b, compare_results(a, b)))
+        found, episodes = compare_results(a, b)
+        Console().print(comparison_table(a, b, found, episodes))
     except UavbenchError as error:
         raise fail(error) from None
 
@@ -299,7 +300,12 @@ def bound(
 
 
 @app.command(epilog="\b\nExample:\n  uavbench freeze my_city.toml")
-def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml file.")]) -> None:
+def freeze(
+    scenario: Annotated[Path, typer.Argument(help="The path of a .toml file.")],
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Draw frozen episodes anew, of a scenario of which nobody has seen a result.")
+    ] = False,
+) -> None:
     """Freeze a scenario's episodes in files.
 
     Prints the lines that name them, for the scenario's file.
@@ -309,7 +315,7 @@ def freeze(scenario: Annotated[Path, typer.Argument(help="The path of a .toml fi
 
     try:
         loaded = load_scenario(scenario)
-        lines = freeze_scenario(loaded)
+        lines = freeze_scenario(loaded, replace=replace)
     except UavbenchError as error:
         raise fail(error) from None
     typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")

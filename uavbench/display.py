@@ -10,13 +10,14 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from uavbench.metrics import Comparison, Interval, mean_interval
-from uavbench.reference import Gaps, Reference
-from uavbench.results import Result
+from uavbench.errors import one_line
 from uavbench.scenario import BUILDING, LANDING, NO_FLY, Scenario
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # listing scenarios must not wait for a compiler
     from uavbench.leaderboard.ranking import Row
+    from uavbench.metrics import Comparison, Interval
+    from uavbench.reference import Gaps, Reference
+    from uavbench.results import Result
 
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 _LONGEST_HEAD = 20  # characters of an agent's name in a column's head
@@ -39,12 +40,12 @@ def scenario_text(scenario: Scenario) -> Text:
     """Return what `uavbench show` prints: the parameters and the map."""
     text = Text()
     text.append(f"{scenario.id}", style="bold")
-    text.append(f"  {scenario.title}\n")
-    text.append(f"digest {scenario.digest}\nfile {scenario.path}\n\n")
+    text.append(f"  {one_line(scenario.title)}\n")  # a title comes from anybody, and may steer the terminal
+    text.append(f"digest {scenario.digest}\nfile {one_line(scenario.path)}\n\n")
     parts = scenario.model_dump(mode="json", exclude={"id", "title", "path", "rows"})
     for name, value in _flat(parts):
         text.append(f"{name:32}", style="cyan")
-        text.append(f"{value}\n")
+        text.append(f"{one_line(value)}\n")
     text.append("\n")
     for row in scenario.rows:
         for cell in row:
@@ -63,7 +64,7 @@ def _flat(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield f"{prefix}{name}", value
 
 
-def result_table(result: Result) -> Group:
+def result_table(result: "Result") -> Group:
     """Return the scores that `uavbench evaluate` prints, in per cent."""
     summary = result.summary
     title = f"{summary['agent']} on {summary['scenario']}, {summary['episodes']} {summary['split']} episodes"
@@ -75,13 +76,15 @@ def result_table(result: Result) -> Group:
     return Group(Text(title, style="bold"), table)
 
 
-def comparison_table(first: Result, second: Result, comparison: Mapping[str, Comparison]) -> Group:
+def comparison_table(first: "Result", second: "Result", comparison: "Mapping[str, Comparison]", episodes: int) -> Group:
     """Return what `uavbench compare` prints, in percentage points."""
     a, b = first.summary["agent"], second.summary["agent"]
     if a == b:
         a, b = str(first.folder), str(second.folder)
     better = a if len(a) <= _LONGEST_HEAD else "first"
-    title = f"{a} - {b} on {first.summary['scenario']}, {first.summary['episodes']} paired episodes"
+    most = max(first.summary["episodes"], second.summary["episodes"])
+    common = f" (of {most}, those that both flew)" if episodes < most else ""
+    title = f"{a} - {b} on {first.summary['scenario']}, {episodes} paired episodes{common}"
     table = Table(header_style="bold")
     for column in ("metric", "difference, points", "95 % CI", f"P({escape(better)} better) %", "95 % CI"):
         table.add_column(column, justify="left" if column == "metric" else "right")
@@ -96,7 +99,7 @@ def comparison_table(first: Result, second: Result, comparison: Mapping[str, Com
     return Group(Text(title, style="bold"), table)
 
 
-def gaps_text(gaps: Gaps) -> str:
+def gaps_text(gaps: "Gaps") -> str:
     """Return how far a result is from what is known, in percentage points of CRAL."""
     lines: list[str] = []
     for label, gap, count in (("bound", gaps.to_bound, gaps.bounded), ("best known", gaps.to_best, gaps.compared)):
@@ -110,8 +113,10 @@ def gaps_text(gaps: Gaps) -> str:
     return "\n".join(lines)
 
 
-def reference_table(scenario: Scenario, reference: Reference) -> Group:
+def reference_table(scenario: Scenario, reference: "Reference") -> Group:
     """Return what `uavbench bound` prints: means of what is known, in per cent."""
+    from uavbench.metrics import mean_interval
+
     known = list(reference.values())
     bound, best = (np.array([getattr(k, name) for k in known]) for name in ("upper_bound", "best_known"))
     table = Table(header_style="bold")
@@ -131,7 +136,7 @@ def _count(episodes: int) -> str:
     return f"{episodes:,} episode{'s' if episodes != 1 else ''}"
 
 
-def _bounds(interval: Interval, sign: str = "") -> str:
+def _bounds(interval: "Interval", sign: str = "") -> str:
     return f"[{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.files import unpack_arrays
+from uavbench.files import ARRAYS_BYTES, FileError, read_bounded, unpack_arrays
 from uavbench.keyed import mix
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, Split, SplitName
 from uavbench.values import as_integer, shown
@@ -102,14 +102,17 @@ def frozen_columns(scenario: Scenario, split: str) -> Columns | None:
 def _read_frozen(scenario: Path, split: str, path: Path, sha256: str, episodes: int) -> Columns:
     """Read a frozen file, and refuse one that is not of this scenario."""
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise ScenarioError(f"{scenario}: splits.{split}.file: cannot read {path}: {error}") from None
+        content = read_bounded(path, ARRAYS_BYTES)
+    except FileError as error:
+        raise ScenarioError(f"{scenario}: splits.{split}.file: {error}") from None
     found = hashlib.sha256(content).hexdigest()
     if found != sha256:
         raise ScenarioError(f"{scenario}: splits.{split}.sha256: {path} has {found}: it is not the frozen file")
-    columns: Columns = unpack_arrays(content)
-    if any(len(column) != episodes for column in columns.values()):
+    try:
+        columns: Columns = unpack_arrays(content)
+    except ValueError as error:
+        raise ScenarioError(f"{scenario}: splits.{split}.file: {path}: {error}") from None
+    if any(len(np.atleast_1d(column)) != episodes for column in columns.values()):
         raise ScenarioError(f"{scenario}: splits.{split}.episodes: {path} does not hold {episodes} episodes")
     for column in columns.values():
         column.flags.writeable = False

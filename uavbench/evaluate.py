@@ -19,8 +19,9 @@ from uavbench.apart import ApartError
 from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.decision_clock import DecisionClock, shown_call
 from uavbench.episode import episode_keys, fresh_keys
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
 from uavbench.keyed import AGENT, stream
+from uavbench.memory import episodes_at_once
 from uavbench.observation import Observation, Observer
 from uavbench.processes import WorkerDiedError, WorkerLateError, work_apart
 from uavbench.scenario import Scenario, SplitName
@@ -29,7 +30,6 @@ from uavbench.state_view import StateView
 
 DEFAULT_BATCH = 250
 _PIECE = 10  # episodes that a worker is given at once, where its agent flies them one by one
-_LONGEST_SHOWN = 200  # characters of what an agent returned
 #: In records, in place of an action: the UAV flies no more, or the episode has fewer.
 NO_ACTION = NUM_ACTIONS
 
@@ -141,7 +141,7 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[Ep
     if workers == 0:
         yield from _Flyer(job)(numbers)
         return
-    size = job.batch_size if job.source.call(job.scenario) == "act_batch" else _PIECE
+    size = min(job.batch_size, episodes_at_once(job.scenario)) if job.source.call(job.scenario) == "act_batch" else _PIECE
     size = max(1, min(size, -(-len(numbers) // workers)))
     try:
         yield from work_apart(_Flyer(job), (numbers[k : k + size] for k in range(0, len(numbers), size)), workers)
@@ -168,7 +168,7 @@ class _Flyer:
         with DecisionClock(job.decision_timeout, shown) as clock:
             if self._flight is None:
                 self._flight = _Flight(job, _made(job, clock))
-            size = job.batch_size if self._flight.call == "act_batch" else 1
+            size = min(job.batch_size, episodes_at_once(job.scenario)) if self._flight.call == "act_batch" else 1
             for k in range(0, len(numbers), size):
                 yield from self._flight.fly(numbers[k : k + size], clock)
 
@@ -319,7 +319,7 @@ class _Flight:
             raise _complaint(job, where, f"{call} {error}") from None
         except (Exception, SystemExit) as error:
             if answered:
-                reason = f"{call} returned {_shown(answer)}, which is no array of integers: {_said(error)}"
+                reason = f"{call} returned {one_line(answer, repr)}, which is no array of integers: {_said(error)}"
                 raise _complaint(job, where, reason) from None
             raise _complaint(job, where, f"{call} raised {_said(error)}\n{_trace()}") from error
         finally:
@@ -345,32 +345,20 @@ def _actions(job: Job, answer: Any, call: str, where: _Where, shape: tuple[int, 
         raise _complaint(job, where, f"{call} returned shape {actions.shape}, expected {shape}")
     if actions.shape != shape or actions.dtype.kind not in "iu":
         found = f"{actions.dtype} of shape {actions.shape}" if actions.shape else str(actions.dtype)
-        raise _complaint(job, where, f"{call} returned {_shown(answer)} ({found}), expected an integer from 0 to 5")
+        raise _complaint(job, where, f"{call} returned {one_line(answer, repr)} ({found}), expected an integer from 0 to 5")
     wrong = (actions < 0) | (actions >= NUM_ACTIONS)
     if wrong.any():
         assert where is not None
         k = int(wrong.argmax())
         value = actions[k] if shape else answer
         info = where[0][k]
-        raise _complaint(job, ([info], where[1]), f"{call} returned {_shown(value)}, expected an integer from 0 to 5")
+        raise _complaint(job, ([info], where[1]), f"{call} returned {one_line(value, repr)}, expected an integer from 0 to 5")
     return actions.astype(np.int64)
 
 
-def _shown(answer: Any) -> str:
-    """Return what an agent returned as a text of bounded length, whatever it is."""
-    try:
-        text = repr(answer)
-    except Exception as error:
-        text = f"a {type(answer).__name__} that cannot be shown ({type(error).__name__})"
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
-
-
 def _said(error: BaseException) -> str:
-    """Return the class and the message of an exception, whatever it is."""
-    try:
-        return f"{type(error).__name__}: {error}"
-    except Exception:
-        return f"{type(error).__name__}, whose message cannot be read"
+    """Return the class and the message of an exception."""
+    return f"{type(error).__name__}: {one_line(error)}"
 
 
 def _complaint(job: Job, where: _Where, reason: str) -> AgentError:

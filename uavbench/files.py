@@ -1,4 +1,8 @@
-"""Files of arrays: the same arrays give the same bytes, and a file is written whole or not at all."""
+"""Files: what is read is plain and of bounded size, the same arrays give the same bytes, and a file is written whole or not.
+
+Whoever reads a file that the package did not bring reads it by `read_bounded` or one of the functions built on it: the file
+may come from anybody, and may be a pipe that never ends.
+"""
 
 import contextlib
 import errno
@@ -6,8 +10,10 @@ import io
 import math
 import os
 import shutil
+import stat
 import tempfile
 import tokenize
+import tomllib
 import zipfile
 import zlib
 from collections.abc import Generator, Mapping
@@ -17,18 +23,141 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_MOST_BYTES = 2**28
+from uavbench.errors import UavbenchError, one_line
+
+#: The most bytes that a file of each kind may have.
+TOML_BYTES = 2**16
+TABLE_BYTES = 2**26  # of a CSV or JSON file: a million episodes
+ARRAYS_BYTES = 2**28  # of an .npz file, packed and unpacked
+MODEL_BYTES = 2**30  # of weights and ONNX models
+SOURCE_BYTES = 2**24  # of an agent's Python file
+_MOST_DOTS = 200  # in a line of TOML: the parser's time and memory grow with their square
+
+
+_LONGEST_NAME = 100
+#: Names that Windows keeps for devices, whatever stands behind a dot.
+_RESERVED = {
+    "CON",
+    "PRN",
+    "AUX",
+    "NUL",
+    "CONIN$",
+    "CONOUT$",
+    *(f"{port}{n}" for port in ("COM", "LPT") for n in "0123456789¹²³"),
+}
+
+
+class FileError(UavbenchError, OSError):
+    """A file that cannot be read; the message names it and says why."""
+
+
+class NoFileError(FileError, FileNotFoundError):
+    """A file that is not there."""
+
+
+def check_plain(path: Path, most: int) -> None:
+    """Refuse what is not a plain file of at most ``most`` bytes, without waiting for anything: for libraries that read paths.
+
+    Raises
+    ------
+    FileError
+        When there is no such file, it is a folder, a pipe or a device, is too large, or may not be read.
+    """
+    os.close(_open_plain(path, most))
+
+
+def read_bounded(path: Path, most: int) -> bytes:
+    """Return the bytes of a plain file, at most ``most``; it may have been written by anybody.
+
+    Raises
+    ------
+    FileError
+        As `check_plain`.
+    """
+    with os.fdopen(_open_plain(path, most), "rb") as file:
+        try:
+            content = file.read(most + 1)
+        except OSError as error:
+            raise FileError(f"{one_line(path)}: cannot be read: {error.strerror}") from None
+    if len(content) > most:  # it has grown meanwhile, or its file system does not tell sizes
+        raise FileError(_too_large(path, most))
+    return content
+
+
+def _open_plain(path: Path, most: int) -> int:
+    """Open a file for reading, if it is plain and not too large; return its descriptor."""
+    name = one_line(path)
+    try:  # a pipe is opened without waiting for somebody who writes into it
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except (FileNotFoundError, NotADirectoryError):
+        raise NoFileError(f"{name}: there is no such file") from None
+    except OSError as error:
+        reason = "it is a folder" if os.path.isdir(path) else error.strerror  # noqa: PTH112 - Path.is_dir() may raise itself
+        raise FileError(f"{name}: cannot be opened: {reason}") from None
+    except ValueError:  # a NUL in the name
+        raise NoFileError(f"{name}: no file can have this name") from None
+    about = os.fstat(handle)
+    if stat.S_ISREG(about.st_mode) and about.st_size <= most:
+        return handle
+    os.close(handle)
+    if stat.S_ISREG(about.st_mode):
+        raise FileError(_too_large(path, most))
+    raise FileError(f"{name}: is not a plain file, but a {'folder' if stat.S_ISDIR(about.st_mode) else 'pipe or a device'}")
+
+
+def _too_large(path: Path, most: int) -> str:
+    return f"{one_line(path)}: is larger than {most:,} bytes, the most that is read of such a file"
+
+
+def read_text(path: Path, most: int) -> str:
+    """Return the text of a plain file in UTF-8, with or without a byte order mark; as `read_bounded`."""
+    try:
+        return read_bounded(path, most).decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise FileError(
+            f"{one_line(path)}: is not text in UTF-8 (byte {error.start} is {error.object[error.start]:#04x})"
+        ) from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return what a TOML file holds; as `read_bounded`, and a FileError when it is no TOML."""
+    text = read_text(path, TOML_BYTES)
+    for number, line in enumerate(text.split("\n"), 1):
+        if line.count(".") > _MOST_DOTS:
+            raise FileError(f"{one_line(path)}: line {number} has more than {_MOST_DOTS} dots: its keys are nested too deeply")
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise FileError(f"{one_line(path)}: is not TOML that can be read: its values are nested too deeply") from None
+    except ValueError as error:
+        raise FileError(f"{one_line(path)}: is not TOML: {one_line(error)}") from None
 
 
 def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -> bytes:
-    """Return the bytes of an ``.npz`` file of ``arrays``, in alphabetical order and without pickles."""
+    """Return the bytes of an ``.npz`` file of ``arrays``, in alphabetical order and without pickles.
+
+    The file is built here and not by ``np.savez``: its keywords and defaults differ between the versions of NumPy that we
+    support, and the bytes must not.
+
+    Raises
+    ------
+    ValueError
+        When an array holds objects.
+    """
     buffer = io.BytesIO()
-    save = np.savez_compressed if compress else np.savez
-    save(buffer, allow_pickle=False, **{name: arrays[name] for name in sorted(arrays)})
+    with zipfile.ZipFile(buffer, "w") as table:
+        for name in sorted(arrays):
+            if arrays[name].dtype.hasobject:
+                raise ValueError(f"{name}: holds objects; only numbers and text can be written")
+            member = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
+            member.create_system = 3  # Unix, on every system
+            member.compress_type = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
+            with table.open(member, "w", force_zip64=True) as file:
+                np.lib.format.write_array(file, arrays[name], allow_pickle=False)
     return buffer.getvalue()
 
 
-def unpack_arrays(content: bytes, most: int = _MOST_BYTES) -> dict[str, NDArray[Any]]:
+def unpack_arrays(content: bytes, most: int = ARRAYS_BYTES) -> dict[str, NDArray[Any]]:
     """Return the arrays of an ``.npz`` file, whoever wrote it: nothing is run, and no more is unpacked than is allowed.
 
     Raises
@@ -70,6 +199,24 @@ def _read_array(table: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(rest):
         raise ValueError(f"{member.filename}: says shape {shape} of {dtype}, holds {len(rest)} bytes")
     return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran_order else "C").copy()
+
+
+def check_name(name: str) -> None:
+    """Refuse a name that no file or folder can have on some system, or that breaks the lines it is printed in.
+
+    Raises
+    ------
+    ValueError
+        Then; the message says why.
+    """
+    if not name or len(name) > _LONGEST_NAME:
+        raise ValueError(f"{one_line(name, repr)}: a name has 1 to {_LONGEST_NAME} characters")
+    if not name.isprintable() or set(name) & set('<>:"/\\|?*'):
+        raise ValueError(f"{one_line(name, repr)}: holds characters that names of files cannot have on every system")
+    if name[0] in ". " or name[-1] in ". ":
+        raise ValueError(f"{name!r}: begins or ends with a dot or a space, which Windows drops")
+    if name.split(".")[0].rstrip().upper() in _RESERVED:
+        raise ValueError(f"{name!r}: Windows reserves this name for a device; choose another")
 
 
 def check_writable(folder: Path) -> None:

@@ -107,16 +107,18 @@ def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, in
     crops = np.empty((cols, len(layers), rows + 2 * half, local_size), dtype=np.float32)
     high, wide = (rows - 1) // scale + global_shape[1], (cols - 1) // scale + global_shape[2]
     means = np.empty((scale, scale, len(layers), high, wide), dtype=np.float32)
-    margin = ((rows - 1, 2 * rows + scale * 2), (cols - 1, 2 * cols + scale * 2))
+    # Behind the map as much padding as the last block of the last phase needs.
+    margin = tuple((n - 1, max(0, (blocks + 1) * scale - 2 * n)) for n, blocks in ((rows, high), (cols, wide)))
     for k, (layer, pad) in enumerate(zip(layers, _PADDING, strict=True)):
         padded = np.pad(layer.astype(np.float32), half, constant_values=pad)
         for c in range(cols):
             crops[c, k] = padded[:, c : c + local_size]
-        padded = np.pad(layer.astype(np.int64), margin, constant_values=int(pad))
+        padded = np.pad(layer.astype(np.int32), margin, constant_values=int(pad))
+        sums = np.pad(padded, ((1, 0), (1, 0))).cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
+        blocks = sums[scale:, scale:] - sums[:-scale, scale:] - sums[scale:, :-scale] + sums[:-scale, :-scale]
         for y in range(scale):
             for x in range(scale):
-                blocks = padded[y : y + high * scale, x : x + wide * scale].reshape(high, scale, wide, scale)
-                means[y, x, k] = blocks.sum(axis=(1, 3)) / scale**2
+                means[y, x, k] = blocks[y::scale, x::scale][:high, :wide] / scale**2
     return _Tables(crops, means)
 
 

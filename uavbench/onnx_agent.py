@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.city import NUM_ACTIONS
+from uavbench.errors import one_line
+from uavbench.files import MODEL_BYTES, FileError, read_bounded
 from uavbench.observation import Observation, Observer
 from uavbench.onnx_file import has_external_data
 from uavbench.scenario import Scenario
@@ -90,12 +92,14 @@ def _session(model: Path) -> Any:
     except ImportError as error:
         raise ImportError(f"{model}: needs ONNX Runtime: pip install 'uavbench[onnx]'") from error
     try:
-        content = model.read_bytes()
+        content = read_bounded(model, MODEL_BYTES)
         external = has_external_data(content)
         # From its bytes, which are those that were looked at.
         session = None if external else runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
+    except FileError as error:
+        raise ValueError(str(error)) from None
     except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
-        raise ValueError(f"{model}: not a model that ONNX Runtime takes: {error}") from None
+        raise ValueError(f"{model}: not a model that ONNX Runtime takes: {one_line(error)}") from None
     if external:
         raise WeightsError(
             f"{model}: some of its weights are in other files, which its digest does not cover: "

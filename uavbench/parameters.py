@@ -32,6 +32,7 @@ def ordered(bounds: tuple[float, float]) -> tuple[float, float]:
     return bounds
 
 
+_MOST_SHAPES = 100
 Count = Annotated[int, Field(ge=1, le=30_000, strict=True)]
 _Devices = Annotated[int, Field(ge=1, le=100, strict=True)]
 TeamSize = Annotated[int, Field(ge=1, le=16, strict=True)]
@@ -170,7 +171,7 @@ class Coverage(MissionParameters):
     camera_size : int
         Side of the square that the camera sees, in cells; odd, at most 7.
     shapes : (int, int)
-        Fewest and most random shapes that make the targets.
+        Fewest and most random shapes that make the targets, at most 100.
     target_fraction : (float, float)
         Smallest and largest part of all cells that the shapes cover, buildings not yet removed.
     """
@@ -183,6 +184,13 @@ class Coverage(MissionParameters):
     words: ClassVar[Words] = Words(target="target to cover", done="covered target")
 
     _ranges = field_validator("shapes", "target_fraction")(ordered)
+
+    @field_validator("shapes")
+    @classmethod
+    def _few(cls, shapes: tuple[int, int]) -> tuple[int, int]:
+        if shapes[1] > _MOST_SHAPES:
+            raise ValueError(f"{shapes[1]} exceeds {_MOST_SHAPES}: each shape takes time to draw, in every episode")
+        return shapes
 
     @property
     def largest_target(self) -> float:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.files import write_whole
+from uavbench.errors import one_line
+from uavbench.files import TABLE_BYTES, FileError, read_text, write_whole
 from uavbench.metrics import Interval, mean_interval, tolerance
 from uavbench.replay import replay
 from uavbench.results import Result, ResultError
@@ -98,11 +99,11 @@ def load_reference(path: Path, scenario: Scenario) -> Reference:
     ResultError
         When the file is damaged, or of another scenario.
     """
-    if not path.is_file():
+    if not path.exists():
         return {}
     known: Reference = {}
     try:
-        rows = csv.DictReader(path.read_text(encoding="utf-8").splitlines(), strict=True)
+        rows = csv.DictReader(read_text(path, TABLE_BYTES).splitlines(), strict=True)
         if tuple(rows.fieldnames or ()) != _COLUMNS:
             raise ValueError(f"its columns are not {', '.join(_COLUMNS)}")
         for row in rows:
@@ -124,8 +125,10 @@ def load_reference(path: Path, scenario: Scenario) -> Reference:
             )
     except ResultError:
         raise
-    except (OSError, ValueError, TypeError, csv.Error) as error:
-        raise ResultError(f"{path}: damaged: {error}") from None
+    except FileError as error:
+        raise ResultError(str(error)) from None
+    except (ValueError, TypeError, csv.Error) as error:
+        raise ResultError(f"{path}: damaged: {one_line(error)}") from None
     return known
 
 

@@ -10,7 +10,7 @@ from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.episode import check_split, split_size
 from uavbench.evaluate import NO_ACTION, EpisodeRecord
 from uavbench.metrics import METRICS, ROUNDING, Comparison, compare, tolerance
-from uavbench.results import COLUMNS, Result, ResultError, metrics_of
+from uavbench.results import COLUMNS, Result, ResultError, metrics_of, numbered
 from uavbench.scenario import Scenario, ScenarioError, SplitName, load_scenario
 from uavbench.simulator import Simulator
 
@@ -50,14 +50,15 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     summary = result.summary
     scenario, split = flown_in(result, scenario_file)
     table, actions = result.episodes(), result.actions()
-    expected = list(range(summary["episodes"]))
+    episodes: int = summary["episodes"]
     for name, found in (("episodes.csv", table["episode"].tolist()), ("actions.npz", list(actions))):
-        if found != expected or not 0 < len(expected) <= split_size(scenario, split):
-            return [], [f"{name} does not hold the episodes 0 to {len(expected) - 1}, each once and in order"]
+        if not numbered(found, episodes) or not 0 < episodes <= split_size(scenario, split):
+            return [], [f"{name} does not hold the episodes 0 to {episodes - 1}, each once and in order"]
     wrong: list[str] = []
     flown: list[EpisodeRecord] = []
     # CPP is exact on any machine; DH but for the last digits of a platform's logarithm.
     allowed = tolerance(scenario)
+    expected = range(episodes)
     together = fly_together(scenario, split, expected, [actions[number] for number in expected])
     for number, record, row in zip(expected, together, table[list(COLUMNS)].to_dict("records"), strict=True):
         if record is None:
@@ -200,22 +201,31 @@ def _fly(
     ]
 
 
-def compare_results(first: Result, second: Result) -> dict[str, Comparison]:
-    """Compare two results on the same episodes, metric by metric.
+def compare_results(first: Result, second: Result) -> tuple[dict[str, Comparison], int]:
+    """Compare two results on the episodes that both flew, metric by metric.
+
+    Returns
+    -------
+    comparison : dict of str to Comparison
+        By the metric's name.
+    episodes : int
+        On how many episodes: the first ones, as many as the shorter result has.
 
     Raises
     ------
     ResultError
-        When they are not of the same scenario, split and episodes.
+        When they are not of the same scenario and split.
     """
     check_paired(first, second)
     a, b = first.scores(), second.scores()
-    return {name: compare(a[name].to_numpy(np.float64), b[name].to_numpy(np.float64)) for name in METRICS}
+    episodes = min(len(a), len(b))
+    paired = {name: (a[name].to_numpy(np.float64)[:episodes], b[name].to_numpy(np.float64)[:episodes]) for name in METRICS}
+    return {name: compare(*values) for name, values in paired.items()}, episodes
 
 
 def check_paired(first: Result, second: Result) -> None:
-    """Refuse to compare results that are not of the same scenario, split and episodes, by a ResultError."""
-    for field in ("scenario", "scenario_digest", "split", "episodes"):
+    """Refuse to compare results that are not of the same scenario and split, by a ResultError."""
+    for field in ("scenario", "scenario_digest", "split"):
         if first.summary[field] != second.summary[field]:
             raise ResultError(
                 f"cannot compare: {field} is {first.summary[field]} in {first.folder}, "

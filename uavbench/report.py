@@ -1,7 +1,9 @@
 """Results in tables and figures: a folder that a paper can take from."""
 
+import html
 import io
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +14,13 @@ from numpy.typing import NDArray
 
 from uavbench.display import NAMES
 from uavbench.figures import Figure, MaxNLocator, fixed_style
+from uavbench.memory import episodes_at_once
 from uavbench.metrics import METRICS, Interval, difference_over_seeds, mean_over_seeds, share_over_seeds
 from uavbench.replay import check_paired, flown_in
 from uavbench.results import Result, ResultError, deliver
 from uavbench.scenario import Scenario, SplitName
 from uavbench.simulator import Simulator
+from uavbench.spreadsheet import plain_cell
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,15 +40,18 @@ class Compared:
     names : list of str
         Of the entries, no two alike.
     runs : list of list of DataFrame
-        The episodes of each entry's results: one, or one for each seed.
+        The episodes of each entry's results: one, or one for each seed. They are those that all results have.
     scenario : Scenario
     split : str
+    longest : int
+        How many episodes the longest result has.
     """
 
     names: list[str]
     runs: list[list[Any]]
     scenario: Scenario
     split: SplitName
+    longest: int
 
     @property
     def tables(self) -> list[Any]:
@@ -64,8 +71,10 @@ class Compared:
 
     @property
     def subject(self) -> str:
-        """Scenario, split and number of episodes."""
-        return f"{self.scenario.id}, {self.split} split, {len(self.tables[0]):,} episodes"
+        """Scenario, split and number of episodes: of those that every agent flew."""
+        common = len(self.tables[0])
+        hint = f" (of {self.longest:,}, those that all flew)" if common < self.longest else ""
+        return f"{self.scenario.id}, {self.split} split, {common:,} episodes{hint}"
 
 
 def write_report(
@@ -74,6 +83,7 @@ def write_report(
     on_file: Callable[[Path], object] = lambda path: None,
     scenario_file: str | None = None,
     groups: Mapping[str, Sequence[Result]] | None = None,
+    against: str | None = None,
 ) -> None:
     """Write the tables and figures of results on the same episodes: `FILES`.
 
@@ -90,19 +100,21 @@ def write_report(
     groups : mapping of str to sequence of Result, optional
         Methods that were trained with several seeds, by name, with a result for each seed. Each is one entry, after the others:
         the mean over its seeds, with intervals over seeds and episodes.
+    against : str, optional
+        The name of the entry that the others are compared with, which comes first; by default the first result.
 
     Raises
     ------
     ResultError
-        When there are none, one is there twice or damaged, two entries have one name, or they are not of the same scenario,
-        split and episodes.
+        When there are none, one is there twice or damaged, two entries have one name, they are not of the same scenario and
+        split, or there is no entry of the name ``against``.
     """
-    compared = _compare(results, scenario_file, groups or {})
+    compared = _compare(results, scenario_file, groups or {}, against)
     rows = _comparison(compared)
     files = {
         "comparison.md": _markdown(rows, compared.subject).encode(),
         "comparison.tex": _latex(rows, compared.subject).encode(),
-        "comparison.csv": _numbers(compared).to_csv(index=False, lineterminator="\n").encode(),
+        "comparison.csv": _csv(compared).encode(),
     }
     for name in files:
         on_file(folder / name)
@@ -117,8 +129,10 @@ def write_report(
     deliver({folder / name: content for name, content in files.items()})
 
 
-def _compare(results: Sequence[Result], scenario_file: str | None, groups: Mapping[str, Sequence[Result]]) -> Compared:
-    """Look whether results can be compared."""
+def _compare(
+    results: Sequence[Result], scenario_file: str | None, groups: Mapping[str, Sequence[Result]], against: str | None = None
+) -> Compared:
+    """Look whether results can be compared, and take the episodes that all have."""
     every = [*results, *(result for group in groups.values() for result in group)]
     if not every:
         raise ResultError("no results: give folders that uavbench evaluate wrote")
@@ -134,7 +148,16 @@ def _compare(results: Sequence[Result], scenario_file: str | None, groups: Mappi
     for other in every[1:]:
         check_paired(every[0], other)
     runs = [[result.scores() for result in group] for group in (*([result] for result in results), *groups.values())]
-    return Compared([*names, *groups], runs, scenario, split)
+    lengths = [len(table) for tables in runs for table in tables]
+    runs = [[table.iloc[: min(lengths)] for table in tables] for tables in runs]  # every result begins with episode 0
+    entries = list(zip([*names, *groups], runs, strict=True))
+    if against is not None:
+        if against not in (name for name, _ in entries):
+            raise ResultError(
+                f"--against {against}: no entry has this name; there are {', '.join(name for name, _ in entries)}"
+            )
+        entries.sort(key=lambda entry: entry[0] != against)
+    return Compared([name for name, _ in entries], [tables for _, tables in entries], scenario, split, max(lengths))
 
 
 def _names(results: Sequence[Result], folders: Sequence[Path]) -> list[str]:
@@ -170,6 +193,12 @@ def _numbers(compared: Compared) -> "pd.DataFrame":
     return pd.DataFrame(rows).assign(steps=means)
 
 
+def _csv(compared: Compared) -> str:
+    """Return the numbers as a file that spreadsheets read without taking a name for a formula."""
+    numbers = _numbers(compared).assign(agent=[plain_cell(name) for name in compared.names])
+    return numbers.to_csv(index=False, lineterminator="\n")
+
+
 def _comparison(compared: Compared) -> list[list[str]]:
     """Return the rows of the table as people read it, the head first."""
     rows = [["agent", *(NAMES[name] for name in METRICS), f"CRAL − {compared.names[0]}", "steps"]]
@@ -186,9 +215,16 @@ def _cell(row: Mapping[Any, Any], name: str, sign: str = "") -> str:
 
 
 def _markdown(rows: Sequence[Sequence[str]], subject: str) -> str:
-    lines = ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
+    head, *body = rows
+    cells = [[_marked(cell) for cell in head], *([_marked(name), *numbers] for name, *numbers in body)]
+    lines = ["| " + " | ".join(row) + " |" for row in cells]
     lines.insert(1, "| --- |" + " ---: |" * (len(rows[0]) - 1))
     return "\n".join([f"{subject}; in %, with {_INTERVALS}; steps are means.", "", *lines]) + "\n"
+
+
+def _marked(text: str) -> str:
+    """Return text that Markdown shows as it is, HTML in it too."""
+    return re.sub(r"([\\`*|\[\]])", r"\\\1", html.escape(text, quote=False))
 
 
 def _latex(rows: Sequence[Sequence[str]], subject: str) -> str:
@@ -222,9 +258,14 @@ def _budgets(compared: Compared) -> NDArray[np.float64]:
 def _amounts(compared: Compared) -> NDArray[np.float64]:
     """Return, for each episode, how many cells are targets: their number where the mission counts them, else in per cent."""
     numbers = compared.tables[0]["episode"].tolist()
-    simulator = Simulator(compared.scenario, len(numbers))
-    simulator.reset(range(len(numbers)), compared.split, numbers)
-    there = (simulator.state.target > 0).sum(axis=(1, 2)).astype(np.float64)
+    slots = min(len(numbers), episodes_at_once(compared.scenario))
+    simulator = Simulator(compared.scenario, slots)
+    parts: list[NDArray[np.float64]] = []
+    for first in range(0, len(numbers), slots):
+        some = numbers[first : first + slots]
+        simulator.reset(range(len(some)), compared.split, some)
+        parts.append((simulator.state.target[: len(some)] > 0).sum(axis=(1, 2)).astype(np.float64))
+    there = np.concatenate(parts)
     return there if compared.scenario.mission.counted else 100 * there / simulator.state.target[0].size
 
 

@@ -9,8 +9,7 @@ import json
 import os
 import platform
 import shutil
-import stat
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
@@ -19,9 +18,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
 from uavbench.evaluate import EpisodeRecord, Job
-from uavbench.files import finish_moves, moved_together, pack_arrays, unpack_arrays, write_together
+from uavbench.files import (
+    TABLE_BYTES,
+    FileError,
+    NoFileError,
+    check_plain,
+    finish_moves,
+    moved_together,
+    pack_arrays,
+    read_bounded,
+    read_text,
+    unpack_arrays,
+    write_together,
+)
 from uavbench.metrics import CONFIDENCE, METRICS, ROUNDING, Interval, summarise
 from uavbench.resources import scenario_paths
 from uavbench.scenario import Scenario, load_scenario
@@ -44,6 +55,7 @@ COLUMNS = {
 
 
 _MOST_BYTES = 2**26  # of a result's actions; those of the paper's scenarios take 0.2 MB
+_SUMMARY_BYTES = 2**20
 
 
 class ResultError(UavbenchError, ValueError):
@@ -88,14 +100,16 @@ class Result:
         path = self.folder / "episodes.csv"
         kinds = [float if name in ("cr", "cral", "return") else int for name in COLUMNS]
         try:
-            head, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines(), strict=True)
+            head, *rows = csv.reader(read_text(path, TABLE_BYTES).splitlines(), strict=True)
             if head != list(COLUMNS):
                 raise ValueError(f"its columns are not {','.join(COLUMNS)}")
             # Python's float() reads back to the last bit what was written; pandas' own parser need not.
             values = [[kind(_digits(cell)) for kind, cell in zip(kinds, row, strict=True)] for row in rows]
             return pd.DataFrame(values, columns=list(COLUMNS)).astype(dict(zip(COLUMNS, kinds, strict=True)))
-        except (OSError, ValueError, OverflowError, csv.Error) as error:
-            raise ResultError(f"{path}: damaged: {error}") from None
+        except FileError as error:
+            raise ResultError(str(error)) from None
+        except (ValueError, OverflowError, csv.Error) as error:
+            raise ResultError(f"{path}: damaged: {one_line(error)}") from None
 
     def scores(self) -> "pd.DataFrame":
         """Return `episodes`, whose numbers are possible and those of the summary, though nothing is flown again.
@@ -106,7 +120,7 @@ class Result:
             When they are not, or the file is damaged.
         """
         path, table = self.folder / "episodes.csv", self.episodes()
-        if table["episode"].tolist() != list(range(self.summary["episodes"])):
+        if not numbered(table["episode"], self.summary["episodes"]):
             raise ResultError(f"{path}: does not hold the {self.summary['episodes']} episodes, each once and in order")
         for name, said in self.metrics.items():
             strange = table.loc[~table[name].between(0, 1 + ROUNDING), ["episode", name]]
@@ -128,7 +142,7 @@ class Result:
         """
         path = self.folder / "actions.npz"
         try:
-            table = unpack_arrays(path.read_bytes(), _MOST_BYTES)
+            table = unpack_arrays(read_bounded(path, _MOST_BYTES), _MOST_BYTES)
             episodes: int = self.summary["episodes"]
             if table.keys() != {"actions", "offsets", "episodes"}:
                 raise ValueError("its arrays are not actions, offsets and episodes")
@@ -144,8 +158,15 @@ class Result:
                 raise ValueError("its offsets do not cut the actions into episodes")
             parts = np.split(actions, offsets[1:-1])
             return dict(zip(table["episodes"].tolist(), parts, strict=True))
-        except (OSError, KeyError, ValueError, TypeError, IndexError) as error:
-            raise ResultError(f"{path}: damaged: {error}") from None
+        except FileError as error:
+            raise ResultError(str(error)) from None
+        except (KeyError, ValueError, TypeError, IndexError) as error:
+            raise ResultError(f"{path}: damaged: {one_line(error)}") from None
+
+
+def numbered(found: Collection[int], episodes: int) -> bool:
+    """Say whether what a file holds are the numbers 0 to ``episodes`` − 1 in order; ``episodes`` may be any claim."""
+    return len(found) == episodes and all(number == k for k, number in enumerate(found))
 
 
 def _digits(cell: str) -> str:
@@ -182,17 +203,16 @@ def load_result(folder: Path) -> Result:
     if not folder.exists():
         finish_moves(folder.parent)
     try:
-        for name in ("summary.json", "episodes.csv", "actions.npz"):
-            if not stat.S_ISREG((folder / name).stat().st_mode):
-                raise ResultError(f"{folder / name}: not a plain file")
-        result = checked_result(folder, json.loads(path.read_text(encoding="utf-8")))
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise ResultError(f"{error.filename}: missing; give a folder that uavbench evaluate wrote") from None
-    except ResultError:
-        raise
-    except (OSError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise ResultError(f"{path}: not a summary that uavbench evaluate wrote ({error!r})") from None
-    return result
+        summary = json.loads(read_text(path, _SUMMARY_BYTES))
+        for name, most in {"episodes.csv": TABLE_BYTES, "actions.npz": _MOST_BYTES}.items():
+            check_plain(folder / name, most)
+        return checked_result(folder, summary)
+    except NoFileError as error:
+        raise ResultError(f"{error}; give a folder that uavbench evaluate wrote") from None
+    except FileError as error:
+        raise ResultError(str(error)) from None
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ResultError(f"{path}: not a summary that uavbench evaluate wrote ({one_line(repr(error))})") from None
 
 
 def checked_result(folder: Path, summary: dict[str, Any]) -> Result:

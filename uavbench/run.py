@@ -6,6 +6,7 @@ in the same result as a run that was not interrupted.
 
 import contextlib
 import json
+import math
 import shutil
 import time
 from collections.abc import Callable, Generator, Sequence
@@ -16,14 +17,26 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from uavbench.agent import AgentSource
-from uavbench.episode import check_split, split_size
+from uavbench.episode import Columns, check_split, split_size
+from uavbench.errors import one_line
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.files import check_writable, pack_arrays, unpack_arrays, write_whole
+from uavbench.files import (
+    ARRAYS_BYTES,
+    FileError,
+    check_writable,
+    pack_arrays,
+    read_bounded,
+    unpack_arrays,
+    write_whole,
+)
+from uavbench.metrics import ROUNDING
+from uavbench.replay import fly_recorded
 from uavbench.resources import scenario_paths
 from uavbench.results import Result, ResultError, identity, load_result, publish
 from uavbench.scenario import load_scenario
 
 _CHECKPOINT_SECONDS = 10.0
+_KINDS: dict[Any, str] = {int: "i", float: "f", bool: "b"}  # of a record's fields, as NumPy names them
 _TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
 
 
@@ -126,7 +139,7 @@ def run(
     job = replace(job, agent_sha256=sought["agent_sha256"])
     with _saying_where(folder.parent):
         check_writable(folder.parent)
-    partial = _Partial(folder.with_name(folder.name + ".partial"), sought)
+    partial = _Partial(folder.with_name(folder.name + ".partial"), sought, job)
     records, spent = partial.load(resume, overwrite)
     finished = _finished(folder)
     if finished and resume and not records and all(finished.summary.get(name) == value for name, value in sought.items()):
@@ -229,23 +242,69 @@ def _short(value: object) -> str:
     return text[:12] + "…" if len(text) == 64 else text
 
 
+def _read_identity(columns: Columns) -> dict[str, Any]:
+    """Return what an interrupted run was of: a table with at least the names that messages say."""
+    identity: Any = json.loads(str(columns["identity"]))
+    if not isinstance(identity, dict) or not {"agent", "scenario", "split", "episodes"} <= identity.keys():
+        raise ValueError("its identity is no table of what flew")
+    return {str(name): value for name, value in identity.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
+
+
+def _read_spent(columns: Columns) -> float:
+    """Return the seconds that were spent."""
+    spent = float(columns["spent"].astype(np.float64, casting="same_kind"))
+    if not 0.0 <= spent < math.inf:
+        raise ValueError(f"spent is {spent}")
+    return spent
+
+
+def _read_records(columns: Columns) -> dict[int, EpisodeRecord]:
+    """Return the records by their episodes' numbers: each once, of numbers that can be."""
+    kinds = {field.name: _KINDS[field.type] for field in fields(EpisodeRecord) if field.name != "actions"}
+    lengths, actions = columns["lengths"], columns["actions"]
+    count = len(lengths)
+    for name in ("lengths", *kinds):
+        if columns[name].shape != (count,) or columns[name].dtype.kind != kinds.get(name, "i"):
+            raise ValueError(f"{name}: {columns[name].dtype} of shape {columns[name].shape}")
+    if actions.ndim != 2 or actions.dtype != np.uint8 or (lengths < 1).any() or int(lengths.sum()) != len(actions):
+        raise ValueError("its lengths do not cut the actions into episodes")
+    if count != len(np.unique(columns["episode"])) or (columns["episode"] < 0).any():
+        raise ValueError("an episode is there twice, or its number is negative")
+    for name in kinds:
+        if not np.isfinite(columns[name]).all():
+            raise ValueError(f"{name} is not finite")
+    rows = zip(*(columns[name].tolist() for name in kinds), strict=True)
+    parts = np.split(actions, np.cumsum(lengths)[:-1])
+    records = [EpisodeRecord(**dict(zip(kinds, row, strict=True)), actions=part) for row, part in zip(rows, parts, strict=True)]
+    return {record.episode: record for record in records}
+
+
+def _alike(record: EpisodeRecord, again: EpisodeRecord) -> bool:
+    """Say whether two records are of one flight, but for the last digits of a platform's logarithm and for the time it took."""
+    names = [field.name for field in fields(EpisodeRecord) if field.name not in ("actions", "seconds")]
+    return all(abs(float(getattr(record, name)) - float(getattr(again, name))) <= ROUNDING for name in names)
+
+
 class _Partial:
     """What an interrupted run has finished."""
 
-    def __init__(self, folder: Path, identity: dict[str, Any]) -> None:
+    def __init__(self, folder: Path, identity: dict[str, Any], job: Job) -> None:
+        self._job = job
         self._path = folder / "records.npz"
         self._identity = identity
 
     def load(self, resume: bool, overwrite: bool) -> tuple[dict[int, EpisodeRecord], float]:
         """Return the finished records and the time they took."""
-        if not self._path.is_file():
+        if not self._path.exists():
             return {}, 0.0
         try:
-            columns = unpack_arrays(self._path.read_bytes())
-            identity = json.loads(str(columns["identity"]))
-            parts = np.split(columns["actions"], np.cumsum(columns["lengths"])[:-1])
-        except (OSError, ValueError, KeyError) as error:
-            raise ResultError(f"{self._path}: damaged ({error}); delete its folder to start over") from None
+            columns = unpack_arrays(read_bounded(self._path, ARRAYS_BYTES))
+            identity = _read_identity(columns)
+            records, spent = _read_records(columns), _read_spent(columns)
+        except FileError as error:
+            raise ResultError(f"{error}; delete its folder to start over") from None
+        except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
+            raise ResultError(f"{self._path}: damaged ({one_line(error)}); delete its folder to start over") from None
         differ = {name for name, value in self._identity.items() if identity.get(name) != value}
         where = f"{self._path.parent} holds an unfinished run of {identity['agent']} on {identity['scenario']}"
         if not resume and not overwrite and _is_of_another(identity, self._identity):
@@ -271,12 +330,15 @@ class _Partial:
                     f"{where}, but its {name} is {_short(identity.get(name))}, not {_short(self._identity[name])}: "
                     "run without --resume, with --overwrite, to start over"
                 )
-        names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
-        rows = zip(*(columns[name].tolist() for name in names), strict=True)
-        records = [
-            EpisodeRecord(**dict(zip(names, row, strict=True)), actions=part) for row, part in zip(rows, parts, strict=True)
-        ]
-        return {record.episode: record for record in records}, float(columns["spent"])
+        for record in records.values():  # else a damaged file would become a result that no replay gives
+            known = record.episode < self._identity["episodes"]
+            again = fly_recorded(self._job.scenario, self._job.split, record.episode, record.actions) if known else None
+            if again is None or not _alike(record, again):
+                raise ResultError(
+                    f"{self._path}: damaged (episode {record.episode} is not what its actions give); "
+                    "delete its folder to start over"
+                )
+        return records, spent
 
     def save(self, records: dict[int, EpisodeRecord], spent: float) -> None:
         """Keep the finished records, whole or not at all."""

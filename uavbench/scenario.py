@@ -7,7 +7,6 @@ import difflib
 import hashlib
 import json
 import operator
-import tomllib
 from collections import deque
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,8 @@ from typing import Annotated, Any, Literal, SupportsIndex
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
 from uavbench import resources
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
+from uavbench.files import FileError, read_text, read_toml
 from uavbench.missions.registry import read_mission
 from uavbench.parameters import (
     BUILDING,
@@ -31,6 +31,8 @@ from uavbench.parameters import (
     TeamSize,
     ordered,
 )
+
+_TABLE_BYTES = 2**30  # of what is computed in advance for the local observation
 
 SplitName = Literal["train", "validation", "test"]
 SPLITS: tuple[SplitName, ...] = ("train", "validation", "test")
@@ -94,7 +96,7 @@ class Scenario(Record):
         The file it was read from.
     """
 
-    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
+    id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
     title: str
     map: str
     budget: tuple[Count, Count]
@@ -134,6 +136,13 @@ class Scenario(Record):
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the map."""
         return len(self.rows), len(self.rows[0])
+
+    @property
+    def observation_bytes(self) -> int:
+        """Bytes that the observation of one UAV takes."""
+        (rows, cols), sizes = self.shape, self.observation
+        cells = sizes.local_size**2 + (2 * rows - 1) // sizes.global_scale * ((2 * cols - 1) // sizes.global_scale)
+        return 4 * (6 if self.team else 4) * cells
 
     @property
     def team(self) -> bool:
@@ -200,6 +209,14 @@ def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
     for name, size in observation.model_dump().items():
         if size > largest:
             raise ValueError(f"observation.{name}: {size} exceeds {largest}, the shorter side of the centred map")
+    rows, cols = shape
+    size = observation.local_size
+    needed = 3 * 4 * cols * (rows + size) * size  # bytes: three static layers, cut out for every cell in advance
+    if needed > _TABLE_BYTES:
+        raise ValueError(
+            f"observation.local_size: {size} on a map of {rows} × {cols} cells needs a table of {needed >> 20:,} MB, "
+            f"and at most {_TABLE_BYTES >> 20:,} MB are allowed: choose a smaller one"
+        )
 
 
 def _check_map(rows: tuple[str, ...]) -> None:
@@ -209,6 +226,8 @@ def _check_map(rows: tuple[str, ...]) -> None:
     for r, row in enumerate(rows):
         if len(row) != len(rows[0]):
             raise ValueError(f"row {r} has {len(row)} cells, row 0 has {len(rows[0])}: all rows must be of one length")
+        if not row.isprintable():
+            raise ValueError("this is no map: write rows of '.', 'L', 'N' and '#', as text")
         for c, cell in enumerate(row):
             if cell not in (FREE, LANDING, NO_FLY, BUILDING):
                 raise ValueError(f"row {r}, column {c}: unknown cell {cell!r}; use '.', 'L', 'N' or '#'")
@@ -230,6 +249,8 @@ def _check_map(rows: tuple[str, ...]) -> None:
             raise ValueError(f"the landing cell {cell} is unreachable from the landing cell {landing[0]}")
 
 
+_MAP_BYTES = 2**21  # twice what the largest map takes
+_TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's names of errors where a table was expected
 _REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
 
 
@@ -239,7 +260,9 @@ def _first(error: ValidationError) -> str:
     first = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")[0]
     place = ".".join(str(part) for part in first["loc"])
     reason = _REASONS.get(first["type"], first["msg"].removeprefix("Value error, "))
-    if first["type"] == "string_pattern_mismatch":
+    if first["type"] in _TABLES:
+        reason = f"{first['input']!r} is not a table: write [{place}], and its values below"
+    elif first["type"] == "string_pattern_mismatch":
         reason = f"{first['input']!r} is not of the form expected" + (", as in MyCity-CPP-v0" if place == "id" else "")
     more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
     return (f"{place}: {reason}" if place else reason) + more
@@ -248,17 +271,17 @@ def _first(error: ValidationError) -> str:
 def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
     """Read a map's rows."""
     try:
-        return tuple(path.read_text(encoding="ascii").rstrip().splitlines())
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{scenario}: map: cannot read {path}: {error}") from None
+        return tuple(read_text(path, _MAP_BYTES).rstrip().split("\n"))
+    except FileError as error:
+        raise ScenarioError(f"{scenario}: map: {error}") from None
 
 
 def _load(path: Path, run_code: bool = True) -> Scenario:
     """Load the TOML file ``path``, and the map and the mission's file that it names."""
     try:
-        values: dict[str, Any] = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ScenarioError(f"{path}: cannot read it as TOML: {error}") from None
+        values = read_toml(path)
+    except FileError as error:
+        raise ScenarioError(str(error)) from None
     for name in ("rows", "path"):
         if name in values:
             raise ScenarioError(f"{path}: {name}: unknown key")
@@ -276,6 +299,14 @@ def _load(path: Path, run_code: bool = True) -> Scenario:
         reason = _first(error)
         where = f"{path.parent / values['map']}" if reason.startswith("rows") else f"{path}"
         raise ScenarioError(f"{where}: {reason.replace('rows', 'map', 1) if where != str(path) else reason}") from None
+
+
+def _absolute(path: Path) -> Path:
+    """Return where a scenario's file is."""
+    try:
+        return path.expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # of links in a circle, an unknown user's ~, a NUL
+        raise ScenarioError(f"{one_line(path)}: no file can have this name: {one_line(error)}") from None
 
 
 def load_scenario(id_or_path: str | Path, run_code: bool = True) -> Scenario:
@@ -299,9 +330,7 @@ def load_scenario(id_or_path: str | Path, run_code: bool = True) -> Scenario:
     if name in shipped:
         path = shipped[name]
     elif str(id_or_path).endswith(".toml"):
-        path = Path(id_or_path).expanduser().resolve()
-        if not path.is_file():
-            raise ScenarioError(f"{id_or_path}: there is no such file")
+        path = _absolute(Path(id_or_path))
     else:
         alike = {each.lower(): each for each in shipped}
         near = difflib.get_close_matches(name.lower(), alike, n=1, cutoff=0.4)

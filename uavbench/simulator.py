@@ -17,12 +17,14 @@ from uavbench.kernel import kernel
 from uavbench.missions import Mission
 from uavbench.options import read_budget, read_noise, read_start, read_uavs
 from uavbench.outcomes import outcome_of, outcomes_of
+from uavbench.resources import scenario_paths
 from uavbench.scenario import SPLITS, Scenario, ScenarioError, SplitName
 from uavbench.slots import SimulatorState, put, take
 from uavbench.starts import draw_starts, scatter_starts
 from uavbench.state import State, new_state
 
 _CUSTOM = -1
+_REDRAWN = 8  # frozen episodes that are drawn again, to see that they are of the scenario as it is
 
 
 class Simulator:
@@ -280,12 +282,31 @@ class Simulator:
         on_map = (start >= 0).all() and (start < np.array(self.city.shape)).all()
         fits = on_map and self.city.landing[start[:, 0], start[:, 1]].all()
         fits &= ("uavs" in frozen) == self.scenario.team and len(start) >= self.scenario.most_uavs * len(budget)
-        if not fits or budget.min() < low or budget.max() > high or not self.mission.fits(frozen):
+        fits = fits and budget.min() >= low and budget.max() <= high and self.mission.fits(frozen)
+        if not fits or not self._draws(frozen):
             raise ScenarioError(
-                f"{self.scenario.path}: splits.{split}.file: its episodes do not fit the scenario, which has changed since "
-                "they were frozen: freeze it again"
+                f"{self.scenario.path}: splits.{split}.file: its episodes do not fit the scenario, which has changed "
+                "since they were frozen: choose a new id, remove the [splits] that name files, and run uavbench freeze; or, if "
+                "nobody has seen a result yet, uavbench freeze --replace"
             )
         self._fitting.add(split)
+
+    def _draws(self, frozen: Columns) -> bool:
+        """Say whether the scenario draws the first frozen episodes from their keys: a wider range of budgets fits, but differs.
+
+        Shipped scenarios are not asked: their files hold whatever a generator may become.
+        """
+        if scenario_paths().get(self.scenario.id) == self.scenario.path:
+            return True
+        keys = frozen["key"][:_REDRAWN]
+        again = Simulator(self.scenario, len(keys))
+        again.sample(np.arange(len(keys)), keys)
+        drawn = again.columns()
+        return drawn.keys() == frozen.keys() and all(
+            column.shape == frozen[name][: len(keys)].shape
+            and np.allclose(column, frozen[name][: len(keys)], rtol=1e-9, atol=0)
+            for name, column in drawn.items()
+        )
 
     def _columns(self, index: NDArray[np.int64]) -> Columns:
         """Return the episodes in the slots ``index`` as they are now, as columns of a table."""

@@ -10,7 +10,6 @@ import importlib
 import math
 import platform
 import time
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cached_property
@@ -21,8 +20,9 @@ from typing import Any, cast
 import numpy as np
 
 from uavbench.agent import AgentSource
-from uavbench.errors import UavbenchError
+from uavbench.errors import UavbenchError, one_line
 from uavbench.evaluate import Job, evaluate
+from uavbench.files import MODEL_BYTES, FileError, read_bounded, read_toml
 from uavbench.interrupt import interrupt_waits
 from uavbench.memory import keep_freed
 from uavbench.metrics import METRICS
@@ -92,7 +92,7 @@ class Training:
     @cached_property
     def _start_sha256(self) -> str | None:
         """The digest of the weights to begin from, as they were when the training began."""
-        return None if self.start is None else hashlib.sha256(self.start.read_bytes()).hexdigest()
+        return None if self.start is None else hashlib.sha256(read_bounded(self.start, MODEL_BYTES)).hexdigest()
 
     def record(self, curve: list["Point"], seconds: float | None = None) -> dict[str, Any]:
         """Return what is written beside arrays: how they came about."""
@@ -155,9 +155,9 @@ def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
     if path.suffix != ".toml":
         raise TrainError(f"--config {config}: neither a .toml file nor one of {', '.join(configs)}")
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise TrainError(f"--config: cannot read {path}: {error}") from None
+        values = read_toml(path)
+    except FileError as error:
+        raise TrainError(f"--config: {error}") from None
     base = values.pop("base", "fast")
     if base not in configs:
         raise TrainError(f"{path}: base: {base!r} is not one of {', '.join(configs)}")
@@ -284,9 +284,13 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
         for name in sorted(arrays.keys() | again.keys()):  # what was not taken in as it is was not what it should be
             if arrays[name].shape != again[name].shape or arrays[name].tobytes() != again[name].tobytes():
                 raise ValueError(f"{name} does not fit")
-        return [Point(**point) for point in record["curve"]], float(record["seconds"])
-    except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-        reason = (str(error) or repr(error)).splitlines()[0]
+        points = [Point(**point) for point in record["curve"]]
+        for value in (record["seconds"], *(value for point in points for value in asdict(point).values())):
+            if type(value) not in (int, float):
+                raise ValueError(f"its curve holds {value!r}, which is no number")
+        return points, float(record["seconds"])
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
+        reason = one_line(error) or one_line(repr(error))
         raise WeightsError(f"{checkpoint}: damaged: {reason}; delete it to start over") from None
 
 

@@ -9,8 +9,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.errors import UavbenchError
-from uavbench.files import write_whole
+from uavbench.errors import UavbenchError, one_line
+from uavbench.files import MODEL_BYTES, FileError, check_plain, read_bounded, write_whole
 from uavbench.onnx_file import OnnxFileError, metadata
 from uavbench.resources import scenario_paths, shipped_weights
 from uavbench.scenario import Scenario, load_scenario
@@ -53,19 +53,35 @@ def load_weights(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     from safetensors import SafetensorError, safe_open
 
     try:
+        check_plain(path, MODEL_BYTES)
         opened: Any = safe_open(path, framework="numpy")
         with opened as file:
-            about: dict[str, str] = file.metadata() or {}
-            record: Any = json.loads(about[_RECORD])
-            if not isinstance(record, dict):
-                raise ValueError("its record is no table")
-            return {name: file.get_tensor(name) for name in file.keys()}, cast("dict[str, Any]", record)  # noqa: SIM118
-    except FileNotFoundError:
-        raise WeightsError(f"{path}: there is no such file") from None
+            record = _read_record(file)
+            return {name: file.get_tensor(name) for name in file.keys()}, record  # noqa: SIM118
+    except FileError as error:
+        raise WeightsError(str(error)) from None
     except KeyError:
         raise WeightsError(f"{path}: not weights that uavbench train wrote: it has no record of a training") from None
-    except (OSError, ValueError, TypeError, SafetensorError) as error:
-        raise WeightsError(f"{path}: damaged: {error}") from None
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError, SafetensorError) as error:
+        raise WeightsError(f"{path}: damaged: {one_line(error)}") from None
+
+
+def _read_record(file: Any) -> dict[str, Any]:
+    """Return what an open file says of its training: a table, in which names are text.
+
+    Raises
+    ------
+    KeyError, ValueError, RecursionError
+        When it says nothing, or it is no such table.
+    """
+    about: dict[str, str] = file.metadata() or {}
+    record: Any = json.loads(about[_RECORD])
+    if not isinstance(record, dict):
+        raise ValueError("its record is no table")
+    for name in ("agent", "scenario"):
+        if not isinstance(record.get(name, ""), str):  # pyright: ignore[reportUnknownMemberType]
+            raise ValueError(f"its record's {name} is no text")
+    return cast("dict[str, Any]", record)
 
 
 def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
@@ -89,7 +105,7 @@ def training_facts(scenario: Scenario) -> dict[str, Any]:
     return {
         "scenario": scenario.id,
         "mission": scenario.mission.kind,
-        "layers": len(TEAM_LAYERS if scenario.team else LAYERS),
+        "layers": len(TEAM_LAYERS if scenario.team else LAYERS) + len(scenario.mission.layers),
         **scenario.observation.model_dump(),
         _MAP: hashlib.sha256("\n".join(scenario.rows).encode()).hexdigest(),
     }
@@ -102,7 +118,7 @@ def training_record(path: Path) -> dict[str, Any]:
     """
     if path.suffix == ".onnx":
         try:
-            found = metadata(path.read_bytes())
+            found = metadata(read_bounded(path, MODEL_BYTES))
         except (OSError, OnnxFileError):
             return {}
         return {name.removeprefix(METADATA): value for name, value in found.items() if name.startswith(METADATA)}
@@ -111,10 +127,10 @@ def training_record(path: Path) -> dict[str, Any]:
     except ModuleNotFoundError:
         return {}
     try:
+        check_plain(path, MODEL_BYTES)
         opened: Any = safe_open(path, framework="numpy")
         with opened as file:
-            about: dict[str, str] = file.metadata() or {}
-            return dict(json.loads(about[_RECORD]))
+            return _read_record(file)
     except (KeyError, OSError, TypeError, ValueError, RecursionError, SafetensorError):
         return {}
 

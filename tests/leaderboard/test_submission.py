@@ -9,7 +9,9 @@ import zipfile
 import numpy as np
 import pytest
 import tomli_w
+from pydantic import TypeAdapter, ValidationError
 
+import uavbench.leaderboard.submission as submission_module
 from uavbench.files import pack_arrays, unpack_arrays
 from uavbench.leaderboard.submission import MANIFEST, SubmissionError, check, load_submission
 from uavbench.leaderboard.submit import submit
@@ -298,3 +300,24 @@ def test_files_that_are_not_what_they_should_be_are_refused(submissions):
 def test_other_files_are_refused(submissions):
     (submissions / FOLDER / "setup.py").write_text("")
     assert "setup.py" in refusal(submissions / FOLDER)
+
+
+def reads_author(name):
+    return TypeAdapter(submission_module._Name).validate_python(name)
+
+
+@pytest.mark.parametrize("name", [*"\u3164\uffa0\u2800\u034f\ufe0f\u115f\U000e0100 —", "A\u2800B", "a\u200db"])
+def test_names_of_what_cannot_be_seen_are_no_authors(name):
+    with pytest.raises(ValidationError, match=r"cannot be seen|has a letter"):
+        reads_author(name)
+
+
+@pytest.mark.parametrize("name", ["A. Author", "山田 太郎", "محمد علي", "हिन्दी नाम", "Łukasz O’Neill", "이영희", "Nguyễn"])
+def test_names_in_any_script_are_authors(name):
+    assert reads_author(name) == name
+
+
+@pytest.mark.parametrize("name", ["CON", "aux", "nul", "lpt1", "agent.", "Com1.x"])
+def test_names_that_windows_cannot_file_are_refused(name):
+    with pytest.raises(ValidationError, match="Windows"):
+        TypeAdapter(submission_module.Manifest.model_fields["name"].rebuild_annotation()).validate_python(name)

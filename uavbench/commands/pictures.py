@@ -99,7 +99,7 @@ def _score(episode: int, landed: bool, cr: float, cral: float) -> str:
 
 def report(
     folders: Annotated[
-        list[Path] | None, typer.Argument(help="Folders that evaluate wrote, of the same episodes, or submissions'.")
+        list[Path] | None, typer.Argument(help="Folders that evaluate wrote on one scenario and split, or submissions'.")
     ] = None,
     out: Annotated[Path, typer.Option(help="The folder to write.")] = Path("report"),
     group: Annotated[
@@ -109,11 +109,14 @@ def report(
             help="A method trained with several seeds, a folder for each: one entry. Repeatable.",
         ),
     ] = None,
+    against: Annotated[
+        str | None, typer.Option(help="The agent or group that the others are compared with; by default the first.")
+    ] = None,
     scenario: ScenarioFile = None,
 ) -> None:
     """Write tables and figures that compare results.
 
-    The comparison as Markdown, LaTeX and CSV; CRAL and failures to land against the budget, CR against targets or devices, and
+    Where results have different numbers of episodes, those that all have are compared. The comparison as Markdown, LaTeX and CSV; CRAL and failures to land against the budget, CR against targets or devices, and
     performance profiles, as PNG and PDF.
     """
     from rich.console import Console
@@ -125,7 +128,7 @@ def report(
     try:
         groups = _groups(group or [])
         with working(Console(stderr=True), "writing", len(FILES)) as advance:
-            write_report([flown(folder) for folder in folders or []], out, advance, scenario, groups)
+            write_report([flown(folder) for folder in folders or []], out, advance, scenario, groups, against)
     except UavbenchError as error:
         raise fail(error) from None
     typer.echo(f"wrote {out}: {', '.join(FILES)}")

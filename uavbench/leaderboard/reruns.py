@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from uavbench.agent import AgentSource
 from uavbench.apart import ApartSource
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.files import check_writable, write_whole
-from uavbench.leaderboard.submission import Submission, SubmissionError, check
+from uavbench.files import TABLE_BYTES, check_writable, read_bounded, read_text, write_whole
+from uavbench.leaderboard.submission import LARGEST, Submission, SubmissionError, check
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def load_reruns(path: Path) -> dict[str, Rerun]:
     found: dict[str, Rerun] = {}
     reader = None
     try:
-        reader = csv.DictReader(path.read_text(encoding="utf-8").splitlines(), strict=True)
+        reader = csv.DictReader(read_text(path, TABLE_BYTES).splitlines(), strict=True)
         for row in reader:
             numbers = {name: int(row[name]) for name in _COUNTS if name in row}
             numbers |= {name: _finite(row[name]) for name in _FIGURES if name in row}
@@ -175,7 +175,7 @@ def fresh_text(rerun: Rerun) -> str:
 
 def actions_digest(submission: Submission) -> str:
     """Return the digest of a submission's actions."""
-    return hashlib.sha256((submission.folder / "actions.npz").read_bytes()).hexdigest()
+    return hashlib.sha256(read_bounded(submission.folder / "actions.npz", LARGEST["actions.npz"])).hexdigest()
 
 
 def fly_again(

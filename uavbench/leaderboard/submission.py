@@ -5,7 +5,7 @@ Beside ``episodes.csv`` and ``actions.npz`` of the result is ``manifest.toml``: 
 """
 
 import re
-import tomllib
+import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +16,7 @@ from pydantic import AfterValidator, Field, ValidationError, field_validator
 from uavbench.agent import Track
 from uavbench.errors import UavbenchError
 from uavbench.evaluate import EpisodeRecord
+from uavbench.files import TOML_BYTES, check_name, read_toml
 from uavbench.metrics import CONFIDENCE
 from uavbench.parameters import Record
 from uavbench.replay import fly_all_recorded
@@ -25,23 +26,35 @@ from uavbench.scenario import Scenario, load_scenario
 
 MANIFEST = "manifest.toml"
 #: The files of a submission, and the bytes that each may have.
-LARGEST = {MANIFEST: 2**16, "episodes.csv": 2**22, "actions.npz": 2**22}
+LARGEST = {MANIFEST: TOML_BYTES, "episodes.csv": 2**22, "actions.npz": 2**22}
+
+
+#: Characters that Python calls printable and that show nothing: fillers, blanks and selectors of variants.
+_SINGLE = {0x34F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x2800, 0x3164, 0xFFA0}
+_UNSEEN = _SINGLE | {*range(0x180B, 0x1810), *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0)}
 
 
 def _printable(text: str) -> str:
-    if not text.isprintable():
+    if not text.isprintable() or _UNSEEN & {ord(letter) for letter in text}:
         raise ValueError("holds characters that cannot be seen, or that change how others are")
+    return text
+
+
+def _named(text: str) -> str:
+    if not any(unicodedata.category(letter)[0] in "LN" for letter in text):
+        raise ValueError(f"{text!r}: a name has a letter")
     return text
 
 
 def _plain(text: str) -> str:
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._+-]*( [A-Za-z0-9._+-]+)*", text):
         raise ValueError(f"{text!r}: begin with a letter or digit, and use only those, . _ + - and single spaces between")
+    check_name(text)
     return text
 
 
 _Line = Annotated[str, Field(max_length=200, strict=True), AfterValidator(_printable)]
-_Name = Annotated[_Line, Field(pattern=r"\S")]
+_Name = Annotated[_Line, AfterValidator(_named)]
 _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", strict=True)]
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Count = Annotated[int, Field(strict=True, ge=1, le=10**12)]
@@ -150,7 +163,7 @@ def load_submission(folder: Path) -> Submission:
     label = _label(folder)
     try:
         _check_files(folder)
-        manifest = Manifest.model_validate(tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8")))
+        manifest = Manifest.model_validate(read_toml(folder / MANIFEST))
         result = checked_result(folder, manifest.result.model_dump(exclude_none=True))
         scenario = load_scenario(shipped(result.summary))
     except ValidationError as error:

@@ -3,9 +3,7 @@
 import os
 import platform
 import re
-import shutil
 import tempfile
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
@@ -13,7 +11,7 @@ from typing import Any, cast
 import tomli_w
 from pydantic import ValidationError
 
-from uavbench.files import replace_folders
+from uavbench.files import ARRAYS_BYTES, FileError, read_bounded, read_toml, replace_folders
 from uavbench.leaderboard.owners import FILE as OWNERS
 from uavbench.leaderboard.owners import Owners, load_owners, why_not_its_own
 from uavbench.leaderboard.submission import (
@@ -116,8 +114,8 @@ def _names(authors: object) -> str:
 def _said(folder: Path) -> dict[str, Any] | None:
     """Return what the manifest in a folder says, whatever its version; None where none can be read."""
     try:
-        return tomllib.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
+        return read_toml(folder / MANIFEST)
+    except FileError:
         return None
 
 
@@ -135,7 +133,7 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
     except FileExistsError:
         raise SubmissionError(f"{result.folder}: two results on {folder.name}: a submission has one a scenario") from None
     for file in ("episodes.csv", "actions.npz"):
-        shutil.copyfile(result.folder / file, folder / file)
+        (folder / file).write_bytes(read_bounded(result.folder / file, ARRAYS_BYTES))
     (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
     return folder
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from uavbench.leaderboard.ranking import Row
 from uavbench.metrics import METRICS, Interval
+from uavbench.spreadsheet import plain_cell
 
 COLUMNS = (
     *("scenario", "track", "track_known_by", "rank", "name", "authors", "link", "training", "tier", "rerun_episodes"),
@@ -25,7 +26,7 @@ def table_text(rows: Sequence[Row]) -> str:
         writer.writerow(
             [
                 *(row.scenario, row.track, row.track_known_by, "" if row.rank is None else row.rank),
-                *(_plain(part) for part in (row.name, row.authors, row.link, row.training)),
+                *(plain_cell(part) for part in (row.name, row.authors, row.link, row.training)),
                 *(row.tier, row.rerun_episodes, row.fresh_episodes),
                 *(_cells(row.fresh_difference) if row.fresh_difference else ("", "", "")),
                 *(row.note, row.episodes),
@@ -51,8 +52,3 @@ def _number(value: float | None, digits: int) -> str:
         return ""
     text = f"{value:.{digits}f}"
     return text.removeprefix("-") if float(text) == 0 else text
-
-
-def _plain(text: str) -> str:
-    """Return text that a spreadsheet takes for text, whatever it begins with."""
-    return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text

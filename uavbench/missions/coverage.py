@@ -21,6 +21,7 @@ from uavbench.state import State
 from uavbench.values import as_array, shown
 
 _ATTEMPTS = 10_000  # redraws of the shapes before the scenario is refused; the paper's need about 3
+_FEWEST_ATTEMPTS, _PAINTED = 100, 10**9  # on large maps fewer: all redraws may paint about so many cells
 
 
 class CoverageMission(Mission):
@@ -45,10 +46,11 @@ class CoverageMission(Mission):
         """Draw targets: random shapes, redrawn until they cover the right part of all cells, less the buildings."""
         low, high = self._parameters.target_fraction
         fewest, most = self._parameters.shapes
-        if not _sample(state, index, self._city.building, fewest, most, low, high, _ATTEMPTS):
+        attempts = min(_ATTEMPTS, max(_FEWEST_ATTEMPTS, _PAINTED // (self._city.building.size * most)))
+        if not _sample(state, index, self._city.building, fewest, most, low, high, attempts):
             raise ScenarioError(
                 f"{self._name}: mission.target_fraction: {fewest} to {most} shapes did not cover {low} to {high} of the "
-                f"cells (with one outside buildings) in {_ATTEMPTS} attempts: widen it, or change mission.shapes"
+                f"cells (with one outside buildings) in {attempts} attempts: widen it, or change mission.shapes"
             )
 
     def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
