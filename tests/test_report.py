@@ -11,8 +11,12 @@ import pytest
 from commands import damaged, renamed, uavbench_command
 from PIL import Image
 
-from uavbench import report
+from uavbench import load_scenario, report
+from uavbench.agent import find_agent
+from uavbench.evaluate import Job
+from uavbench.report import write_report
 from uavbench.results import COLUMNS, load_result
+from uavbench.run import run
 
 
 def test_reports_hold_the_scores_and_the_figures(pictured, tmp_path):

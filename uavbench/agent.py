@@ -112,10 +112,21 @@ class AgentSource:
 
     @cached_property
     def trained_on(self) -> str:
-        """The id of the scenario that the weights were trained on; where that is not known, the suite's first."""
-        if self.weights is None:
-            return FIRST_SCENARIO
-        return str(training_record(self.weights).get("scenario", FIRST_SCENARIO))
+        """The scenario that the weights were trained on, its id or a user's file; where that is not known, the suite's first.
+
+        Raises
+        ------
+        AgentLoadError
+            When it is a user's own, whose file is not where it was.
+        """
+        record = {} if self.weights is None else training_record(self.weights)
+        name = str(record.get("scenario", FIRST_SCENARIO))
+        if name in resources.scenario_paths():
+            return name
+        file = Path(str(record.get("scenario_file", "")))
+        if file.suffix == ".toml" and file.is_file():
+            return str(file)
+        raise AgentLoadError(f"{self.weights}: trained on {name}, a scenario of your own: name its file with --scenario FILE")
 
     def transferred(self, scenario: Scenario) -> bool:
         """Return whether weights fly on another map than they were trained on."""

@@ -104,6 +104,7 @@ def training_facts(scenario: Scenario) -> dict[str, Any]:
 
     return {
         "scenario": scenario.id,
+        **({} if scenario.id in scenario_paths() else {"scenario_file": str(scenario.path)}),
         "mission": scenario.mission.kind,
         "layers": len(TEAM_LAYERS if scenario.team else LAYERS) + len(scenario.mission.layers),
         **scenario.observation.model_dump(),
@@ -177,7 +178,7 @@ def _differences(record: Mapping[str, Any], scenario: Scenario) -> list[tuple[st
     known, trained = dict(record), record.get("scenario")
     if _MAP not in record and trained in list(scenario_paths()):  # written before records had more than the id
         known.update(training_facts(load_scenario(str(trained))))
-    facts = {name: value for name, value in training_facts(scenario).items() if name != "scenario"}
+    facts = {name: value for name, value in training_facts(scenario).items() if name not in ("scenario", "scenario_file")}
     return [(name, str(known[name]), str(here)) for name, here in facts.items() if str(known.get(name, here)) != str(here)]
 
 

@@ -116,7 +116,9 @@ def report(
 ) -> None:
     """Write tables and figures that compare results.
 
-    Where results have different numbers of episodes, those that all have are compared. The comparison as Markdown, LaTeX and CSV; CRAL and failures to land against the budget, CR against targets or devices, and
+    Where results have different numbers of episodes, those that all have are compared.
+
+    The comparison as Markdown, LaTeX and CSV; CRAL and failures to land against the budget, CR against targets or devices, and
     performance profiles, as PNG and PDF.
     """
     from rich.console import Console
