@@ -237,7 +237,7 @@ def slow_agent(tmp_path, act="act"):
         f"    def {act}(self, o, i):\n"
         "        batch = isinstance(i, list)\n"
         f"        if len(i) < 60 if batch else i['episode'] == 60: open({str(under_way)!r}, 'w').close()\n"
-        "        time.sleep(0.2 if batch else 0.001); return [4] * len(i) if batch else 4\n"
+        "        time.sleep(0.06 if batch else 0.001); return [4] * len(i) if batch else 4\n"
     )
     return agent, under_way
 
@@ -352,7 +352,7 @@ def test_results_can_be_filed_under_another_name(call):
     assert code == 0, text
     assert Path("results/Block8-CPP-v0/by chance/summary.json").is_file()
     code, text = call(*words, "../elsewhere")
-    assert (code, "--name: no result can be filed under" in text) == (2, True), text
+    assert (code, "--name: '../elsewhere': holds characters that names of files cannot have" in text) == (2, True), text
 
 
 def test_freezes_a_users_own_scenario(call, tmp_path):

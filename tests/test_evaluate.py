@@ -111,7 +111,7 @@ def test_the_observation_track_does_not_show_the_state():
         ("Ragged", "act() returned [[1, 2], [3]], which is no array of integers"),
         ("Exits", "act() raised SystemExit: 0"),
         ("ExitsInArray", "which is no array of integers: SystemExit: 0"),
-        ("Unreadable", "act() raised HiddenError, whose message cannot be read"),
+        ("Unreadable", "act() raised HiddenError: HiddenError, which cannot say what it is"),
     ],
 )
 def test_a_failing_agent_is_told_where_and_why(name, reason):

@@ -211,6 +211,7 @@ def test_batches_do_not_change_what_is_frozen(monkeypatch):
     assert pack_arrays(freeze.draw(loaded, "validation")) == whole
 
 
+@pytest.mark.slow
 def test_episodes_that_no_file_can_hold_are_not_frozen(tmp_path):
     many = scenario(MAP, splits={"test": {"episodes": 30_000}}, path=str(tmp_path / "big.toml"), budget=(1, 2))
     from uavbench.freeze import freeze

@@ -231,7 +231,7 @@ def test_a_group_of_one_seed_is_the_plain_result(pictured, tmp_path):
         ("mine=", "write NAME=RESULT,RESULT,…"),
         ("mine={0},", "write NAME=RESULT,RESULT,…"),
         ("mi\nne={0}", "write NAME=RESULT,RESULT,…"),
-        ("mine={0},nowhere", "--group mine: nowhere/summary.json: missing"),
+        ("mine={0},nowhere", "--group mine: nowhere/summary.json: there is no such file"),
         ("mine={0},{0}", "given twice"),
         ("third={0}", "--group third: a result has this name"),
         ("mine={0} --group mine={1}", "--group mine: given twice"),

@@ -334,7 +334,7 @@ def test_a_users_own_scenario_is_replayed_from_its_file(tmp_path):
     text = text.replace("maps/Block8.txt", str(shipped.parent / "maps" / "Block8.txt"))
     (tmp_path / "mine.toml").write_text(text)
     source = find_agent("random")
-    (mine, episodes), *_ = jobs(source, [str(tmp_path / "mine.toml")], "test", 5, None)
+    (mine, episodes, _), *_ = jobs(source, [str(tmp_path / "mine.toml")], "test", 5, None)
     assert replay(load_result(run(mine, episodes, tmp_path).folder)) == []
 
 

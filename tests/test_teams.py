@@ -185,9 +185,10 @@ def test_the_team_has_landed_when_all_have():
     env = start([[1, 1], [1, 2], [1, 3]])
     step(env, LAND, HOVER, HOVER)
     *_, infos = step(env, HOVER, LAND)
-    assert infos["uav_2"]["landed"] is False
+    assert not infos["uav_2"]["landed"]
     *_, infos = step(env, LAND)
-    assert infos["uav_1"] | {"action_mask": 0} == {"action_mask": 0, "landed": True, "cr": 0.0, "cral": 0.0, "blocked": 0}
+    told = {name: infos["uav_1"][name].item() for name in ("landed", "cr", "cral", "blocked", "is_success")}
+    assert told == {"landed": True, "cr": 0.0, "cral": 0.0, "blocked": 0, "is_success": False}
     env = start([[1, 1], [1, 2]], budgets=[2, 9], targets=np.array([["LLL" in r] * 9 for r in ROWS]))
     step(env, HOVER, HOVER)
     step(env, HOVER, HOVER)  # the first crashes

@@ -178,10 +178,13 @@ def _made(job: Job, clock: DecisionClock) -> Any:
     clock.start("__init__()", (), 0, limited=False)  # weights may take their time to load
     try:
         agent = job.source.make(job.scenario)
+    except ApartError as error:
+        raise _complaint(job, None, f"__init__() {error}") from None
     except (Exception, SystemExit) as error:
         if isinstance(error, Exception) and job.source.meant(error):
-            declined = AgentDeclinedError(f"{job.source.name} on {job.scenario.id}: {error}")
-            declined.reason = str(error)
+            reason = one_line(error)
+            declined = AgentDeclinedError(f"{job.source.name} on {job.scenario.id}: {reason}")
+            declined.reason = reason
             raise declined from None
         raise _complaint(job, None, f"__init__() raised {_said(error)}\n{_trace()}") from error
     finally:

@@ -84,5 +84,5 @@ def test_what_is_said_of_the_episode_changes_nothing():
 
 
 def test_dh_needs_no_training():
-    with pytest.raises(ValueError, match="in coverage only"):
+    with pytest.raises(ValueError, match="learns nothing in DH"):
         PILOT.Learner(load_scenario("Block8-DH-v0"), PILOT.CONFIGS["fast"], 0)

@@ -97,4 +97,4 @@ def test_the_command_prints_means_and_evaluate_the_gaps(tmp_path, monkeypatch):
     assert call("bound", "Manhattan32-DH-Team-v0")[0] == 2
     code, text = call("bound", CPP.id, "--result", "results/nothing")
     assert code == 2
-    assert "missing" in text
+    assert "there is no such file" in text

@@ -34,7 +34,7 @@ class Agent:
 
 def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions):
     folder = submissions / "random"
-    assert uavbench("leaderboard", "rerun", folder, "--agent", "random").exit_code == 0
+    assert uavbench("leaderboard", "rerun", folder, "--agent", "random", "--fresh", 0).exit_code == 0
     build(submissions)
     tiers = {(row["scenario"], row["name"]): row["tier"] for row in rows(submissions.parent)}
     assert tiers["Block8-CPP-v0", "random"] == tiers["Block8-DH-v0", "random"] == "rerun"
@@ -110,7 +110,7 @@ def test_another_agent_is_found_out_at_its_first_other_action(submissions):
 
 
 def test_a_rerun_of_other_actions_does_not_count(submissions):
-    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random").exit_code == 0
+    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--fresh", 0).exit_code == 0
     for name in ("actions.npz", "episodes.csv", "manifest.toml"):
         content = (submissions / "greedy" / "Block8-CPP-v0" / name).read_bytes()
         (submissions / "random" / "Block8-CPP-v0" / name).write_bytes(content.replace(b'name = "greedy"', b'name = "random"'))
@@ -123,7 +123,7 @@ def test_a_rerun_of_other_actions_does_not_count(submissions):
 @pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0"])
 def test_a_rerun_on_another_track_does_not_count(submissions, scenario):
     """What was executed saw the observation: an edited manifest cannot say otherwise and keep the tier."""
-    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random").exit_code == 0
+    assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--fresh", 0).exit_code == 0
     for path in (submissions / "random").glob("*/manifest.toml"):
         text = path.read_text(encoding="utf-8")
         path.write_text(text.replace('track = "observation"', 'track = "state"'), encoding="utf-8")
@@ -176,6 +176,7 @@ def submitted(submissions, folder, name, text):
     return path
 
 
+@pytest.mark.slow
 def test_an_agent_that_plays_back_public_flights_is_found_out_on_fresh_episodes(submissions, tmp_path):
     path = submitted(submissions, tmp_path, "playback", PLAYBACK.format(folder=str(submissions / "greedy" / "Block8-CPP-v0")))
     board = build(submissions)
@@ -200,6 +201,7 @@ def test_an_agent_that_looks_for_the_simulator_finds_none_when_it_is_run_again(s
     assert (told.exit_code, "acts otherwise from step 0 on" in told.output) == (1, True), told.output
 
 
+@pytest.mark.slow
 def test_an_honest_agent_is_ranked_when_it_was_run_again(submissions, tmp_path):
     text = (Path(__file__).parents[1] / "agents.py").read_text(encoding="utf-8").replace("class One", "class Agent")
     path = submitted(submissions, tmp_path, "honest", text.split("class Many")[0])
@@ -268,7 +270,7 @@ def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submis
         path.unlink()
         path.mkdir()
         told = uavbench(*words)
-        assert (told.exit_code, "reruns.csv: Is a directory" in told.output) == (1, True), told.output
+        assert (told.exit_code, "reruns.csv: is not a plain file" in told.output) == (1, True), told.output
     path.rmdir()
     with monkeypatch.context() as patch:
         patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))

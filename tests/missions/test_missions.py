@@ -242,8 +242,8 @@ LITERAL = 'kind: Literal["surveillance"]'
     [
         ("patrol.toml", 'kind = "surveillance"', 'kind = "racing"', "mission.kind: 'racing' is not 'surveillance', which surv"),
         ("patrol.toml", 'kind = "surveillance"\n', "", "mission.kind: is missing"),
-        ("patrol.toml", "surveillance.py", "none.py", "mission.file: there is no file .*none.py$"),
-        ("patrol.toml", '"surveillance.py"', '"."', "mission.file: there is no file "),
+        ("patrol.toml", "surveillance.py", "none.py", "mission.file: .*none.py: there is no such file$"),
+        ("patrol.toml", '"surveillance.py"', '"."', "mission.file: .*it is a folder|is not a plain file"),
         ("patrol.toml", '"surveillance.py"', '"surveillance.py"\nsha256 = "00"', "mission.file: .* has the SHA-256 .* not 00"),
         ("patrol.toml", "cooldown = 10", "cooldown = 0", "mission.cooldown: Input should be greater than"),
         ("patrol.toml", "cooldown = 10", "cooldwon = 10", "mission.cooldwon: unknown key"),

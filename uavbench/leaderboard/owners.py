@@ -4,13 +4,13 @@ Times of files say nothing about who was first, and a folder holds what anybody 
 its owner, and from then on only who keeps the board can change that, by editing the file.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import tomli_w
 
+from uavbench.files import FileError, read_toml
 from uavbench.leaderboard.submission import MANIFEST, Manifest, Submission, SubmissionError
 
 FILE = "owners.toml"
@@ -30,13 +30,11 @@ def load_owners(path: Path) -> Owners:
     if not path.exists():
         return {}
     try:
-        owners: Owners = tomllib.loads(path.read_text(encoding="utf-8"))
+        owners: Owners = read_toml(path)
         for folder, owner in owners.items():
             if owner.keys() != {"name", "authors", "link", "track"}:
                 raise ValueError(f"{folder}: expected name, authors, link and track")
-    except OSError as error:
-        raise SubmissionError(f"{path}: {error.strerror}") from None
-    except (ValueError, AttributeError, RecursionError) as error:
+    except (FileError, ValueError, AttributeError) as error:
         raise SubmissionError(f"{path}: damaged ({error}): take the file as it was before") from None
     return owners
 

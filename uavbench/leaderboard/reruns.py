@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from uavbench.agent import AgentSource
 from uavbench.apart import ApartSource
 from uavbench.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.files import TABLE_BYTES, check_writable, read_bounded, read_text, write_whole
+from uavbench.files import TABLE_BYTES, FileError, check_writable, read_bounded, read_text, write_whole
 from uavbench.leaderboard.submission import LARGEST, Submission, SubmissionError, check
 
 
@@ -107,8 +107,8 @@ def load_reruns(path: Path) -> dict[str, Rerun]:
             numbers = {name: int(row[name]) for name in _COUNTS if name in row}
             numbers |= {name: _finite(row[name]) for name in _FIGURES if name in row}
             found[row["submission"]] = Rerun(**{**row, **numbers})  # pyright: ignore[reportArgumentType]
-    except OSError as error:
-        raise SubmissionError(f"{path}: {error.strerror}") from None
+    except FileError as error:
+        raise SubmissionError(str(error)) from None
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         where = f" in line {reader.line_num}" if reader else ""
         raise SubmissionError(

@@ -11,6 +11,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationInfo, field_validator
 
 from uavbench.errors import UavbenchError
+from uavbench.files import FileError, read_bounded
 from uavbench.parameters import Coverage, Harvesting, MissionParameters
 
 _MOST_BYTES = 1_000_000  # of a file that defines a mission
@@ -90,16 +91,10 @@ class _Head(BaseModel):
 
 def _read(path: Path) -> tuple[bytes, str]:
     """Return a mission's file with line ends of a Unix system, and the SHA-256 of that."""
-    if not path.is_file():
-        raise ValueError(f"there is no file {path}")
     try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror}") from None
-    if len(content) > _MOST_BYTES:
-        raise ValueError(f"{path} has more than {_MOST_BYTES:,} bytes: that is no mission")
-    content = content.replace(b"\r\n", b"\n")
+        content = read_bounded(path, _MOST_BYTES).replace(b"\r\n", b"\n")
+    except FileError as error:
+        raise ValueError(str(error)) from None
     return content, hashlib.sha256(content).hexdigest()
 
 
