@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from uavbench import load_scenario, scenario_ids
 from uavbench.city import city_of
-from uavbench.plot import legend
+from uavbench.plot import city_legend
 from uavbench.scene import city_colours
 
 DOCS = Path(__file__).parent
@@ -56,7 +56,7 @@ def page(scenario):
             f"{rewards.movement:g}, {rewards.safety:g}, {rewards.crash:g}, {rewards.collect:g}"
         ),
         "observation": f"l = {sizes.local_size}, g = {sizes.global_scale}",
-        **{f"`{name}`": f"`{value}`" for name, value in mission.model_dump(mode="json").items()},
+        **{f"`{name}`": f"`{value}`" for name, value in mission.model_dump(mode="json", exclude_none=True).items()},
         "cells": f"{np.prod(scenario.shape):,}: {landing} landing, {no_fly - building} no-fly only, {building} building",
         "validation and test episodes": f"{scenario.splits.validation.episodes}, {scenario.splits.test.episodes}",
         "digest": f"`{scenario.digest[:16]}…`",
@@ -128,7 +128,7 @@ def draw_map(scenario, path):
     axes = figure.subplots()
     axes.imshow(city_colours(scenario.rows), interpolation="nearest")
     axes.tick_params(labelsize=6)
-    figure.legend(handles=legend(scenario)[:3], loc="outside lower center", ncols=3, fontsize=7, frameon=False)
+    figure.legend(handles=city_legend(), loc="outside lower center", ncols=3, fontsize=7, frameon=False)
     figure.savefig(path, dpi=150, metadata={"Software": None})
 
 

@@ -1,7 +1,7 @@
 """A flight as a figure for a paper, after the paper's Fig. 2 and Table II: PNG, SVG or PDF."""
 
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -80,15 +80,23 @@ def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: 
         axes.scatter(c, r, s=points**2, marker=shape, c=colours, zorder=5, clip_on=False, **more)
 
 
+def city_legend() -> list[Any]:
+    """Return the entries of the cells of a map."""
+    landing, no_fly, building = shown.city_colours(("".join((LANDING, NO_FLY, BUILDING)),))[0]
+    return _patches({"start and landing zone": landing, "no-fly zone": no_fly, "building": building})
+
+
+def _patches(colours: Mapping[str, Any]) -> list[Any]:
+    """Return an entry for each colour that has a name."""
+    return [Patch(facecolor=_hex(colour), edgecolor="0.7", label=name) for name, colour in colours.items() if name]
+
+
 def legend(scene: Scene) -> list[Any]:
     """Return the entries of the paper's Table II that a scene's mission has, in its words, and of a team the UAVs that fly."""
-    scenario = scene.scenario
-    free, landing, no_fly, building = shown.city_colours(("".join((FREE, LANDING, NO_FLY, BUILDING)),))[0]
-    words = scenario.mission.words
-    patches = {"start and landing zone": landing, "no-fly zone": no_fly, "building": building}
-    patches |= {words.target: shown.blend(free, shown.REMAINING), words.done: shown.blend(free, shown.COVERED)}
-    patches |= {words.shade: free * shown.SHADOW}
-    found: list[Any] = [Patch(facecolor=_hex(colour), edgecolor="0.7", label=name) for name, colour in patches.items() if name]
+    scenario, words = scene.scenario, scene.scenario.mission.words
+    free = shown.city_colours((FREE,))[0, 0]
+    patches = {words.target: shown.blend(free, shown.REMAINING), words.done: shown.blend(free, shown.COVERED)}
+    found = [*city_legend(), *_patches({**patches, words.shade: free * shown.SHADOW})]
     found += [
         _line("D", "", "start", markerfacecolor="white"),
         _line("D", "", "end"),
