@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from uavbench import load_scenario
@@ -153,3 +154,21 @@ def test_a_template_that_does_not_fit_on_the_disk_leaves_no_file(tmp_path, monke
     with pytest.raises(AgentLoadError, match="No space left"):
         write_template(tmp_path / "mine.py")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_own_weights_fly_on_the_scenario_of_ones_own_that_they_were_trained_on(tmp_path):
+    pytest.importorskip("safetensors", reason="weights need the extra ddqn")
+    from uavbench.weights import save_weights, training_facts
+
+    shipped = load_scenario("Block8-CPP-v0").path
+    text = shipped.read_text().split("[splits")[0].replace("Block8-CPP-v0", "Mine-v0")
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(text.replace("maps/Block8.txt", str(shipped.parent / "maps" / "Block8.txt")))
+    agent, weights = tmp_path / "mine.py", tmp_path / "mine.safetensors"
+    agent.write_text("class Agent:\n    def __init__(self, s, w): pass\n    def act(self, o, i): return 4\n")
+    save_weights(weights, {"w": np.zeros(1)}, {"agent": "mine", **training_facts(load_scenario(scenario))})
+    source = find_agent(str(agent), weights)
+    assert source.trained_on == str(scenario)
+    scenario.rename(tmp_path / "moved.toml")
+    with pytest.raises(AgentLoadError, match=r"trained on Mine-v0, a scenario of your own: name its file with --scenario FILE"):
+        _ = source.trained_on
