@@ -167,8 +167,7 @@ def test_own_weights_fly_on_the_scenario_of_ones_own_that_they_were_trained_on(t
     agent, weights = tmp_path / "mine.py", tmp_path / "mine.safetensors"
     agent.write_text("class Agent:\n    def __init__(self, s, w): pass\n    def act(self, o, i): return 4\n")
     save_weights(weights, {"w": np.zeros(1)}, {"agent": "mine", **training_facts(load_scenario(scenario))})
-    source = find_agent(str(agent), weights)
-    assert source.trained_on == str(scenario)
+    assert find_agent(str(agent), weights).trained_on == str(scenario)
     scenario.rename(tmp_path / "moved.toml")
     with pytest.raises(AgentLoadError, match=r"trained on Mine-v0, a scenario of your own: name its file with --scenario FILE"):
-        _ = source.trained_on
+        _ = find_agent(str(agent), weights).trained_on
