@@ -266,7 +266,10 @@ def test_an_interrupted_run_keeps_what_was_finished_and_goes_on_to_the_same_resu
     words = ["evaluate", "--agent", agent, "--scenario", "Block8-CPP-v0", "--workers", workers, "--episodes", 250]
     process = command(*words, "--out", tmp_path / "out")
     wait_for(under_way.exists)
-    os.killpg(process.pid, sent)  # as a terminal or a batch system does: to all processes of the group
+    for each in workers_of(tmp_path):  # as a batch system does: to all processes of the job
+        os.kill(each, sent)
+    time.sleep(0.5)
+    os.killpg(process.pid, sent)  # as a terminal does: to all processes of the group
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1, errors
     assert "interrupted\nfinished episodes are kept" in errors

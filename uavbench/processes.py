@@ -186,6 +186,7 @@ def _serve(work: Work, connection: "Connection[Any, Any]", shown: Any, trace: Pa
     multiprocessing.current_process()._config["daemon"] = False  # pyright: ignore  # work may start processes, too
     if hasattr(os, "setpgrp"):
         os.setpgrp()  # so that they are killed together
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a batch system sends it to all processes; the parent decides
     _end_with_parent()
     with trace.open("w", encoding="utf-8") as file:
         if hasattr(signal, "SIGUSR1"):
