@@ -255,10 +255,9 @@ posix = pytest.mark.skipif(os.name == "nt", reason="sends signals, which Windows
 @pytest.mark.parametrize(
     ("act", "workers", "sent"),
     [
-        ("act", 1, signal.SIGINT),
-        ("act", 2, signal.SIGTERM),
-        ("act_batch", 1, signal.SIGTERM),
-        ("act_batch", 2, signal.SIGINT),
+        ("act", 1, signal.SIGTERM),
+        ("act", 2, signal.SIGINT),
+        ("act_batch", 2, signal.SIGTERM),
     ],
 )
 def test_an_interrupted_run_keeps_what_was_finished_and_goes_on_to_the_same_result(tmp_path, act, workers, sent):

@@ -21,7 +21,7 @@ def job(name, scenario="Block8-DH-v0", **changes):
     return Job(source, load_scenario(scenario), "test", **changes)
 
 
-def scores(job, numbers=range(30), workers=1):
+def scores(job, numbers=range(30), workers=0):
     """All that a record holds, but for the time it took."""
     return {
         r.episode: (r.uavs, r.budget, r.steps, r.landed, r.cr, r.cral, r.blocked, r.total_reward, r.actions.tobytes())
@@ -38,7 +38,7 @@ def test_the_score_does_not_depend_on_batch_size_workers_order_or_kind_of_agent(
     assert scores(job("Many", scenario, batch_size=1)) == expected
     assert scores(job("One", scenario), range(29, -1, -1)) == expected
     assert scores(job("One", scenario), workers=2) == expected
-    assert scores(job("Many", scenario, batch_size=4), workers=2) == expected
+    assert scores(job("Many", scenario, batch_size=4), workers=1) == expected
     assert scores(job("Together", scenario)) == expected
 
 
