@@ -257,7 +257,7 @@ posix = pytest.mark.skipif(os.name == "nt", reason="sends signals, which Windows
     [
         ("act", 1, signal.SIGTERM),
         ("act", 2, signal.SIGINT),
-        ("act_batch", 2, signal.SIGTERM),
+        pytest.param("act_batch", 2, signal.SIGTERM, marks=pytest.mark.slow),
     ],
 )
 def test_an_interrupted_run_keeps_what_was_finished_and_goes_on_to_the_same_result(tmp_path, act, workers, sent):

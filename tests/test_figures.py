@@ -53,6 +53,7 @@ def drawn(folders, out, **changes):
     return {path.name: path.read_bytes() for path in out.glob("*.png")}
 
 
+@pytest.mark.slow
 def test_figures_do_not_depend_on_what_matplotlib_is_set_to(pictured, tmp_path):
     folders = [pictured[agent, "Block8-DH-v0"].folder for agent in ("greedy", "random")]
     (tmp_path / "matplotlibrc").write_text(HOSTILE, encoding="utf-8")

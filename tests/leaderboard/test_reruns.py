@@ -51,6 +51,7 @@ def test_a_part_that_was_run_again_is_counted_but_is_no_rerun(submissions):
     assert (row["tier"], row["rerun_episodes"]) == ("replayed", "7")
 
 
+@pytest.mark.slow
 def test_a_shorter_rerun_does_not_take_back_a_longer_one(submissions):
     for count in (5, 9, 3):
         told = uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", count, "--fresh", 0)
@@ -109,6 +110,7 @@ def test_another_agent_is_found_out_at_its_first_other_action(submissions):
     assert load_reruns(submissions.parent / "reruns.csv") == {}
 
 
+@pytest.mark.slow
 def test_a_rerun_of_other_actions_does_not_count(submissions):
     assert uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--fresh", 0).exit_code == 0
     for name in ("actions.npz", "episodes.csv", "manifest.toml"):
@@ -120,6 +122,7 @@ def test_a_rerun_of_other_actions_does_not_count(submissions):
     assert row["tier"] == "replayed"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0"])
 def test_a_rerun_on_another_track_does_not_count(submissions, scenario):
     """What was executed saw the observation: an edited manifest cannot say otherwise and keep the tier."""
