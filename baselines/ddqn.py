@@ -21,7 +21,7 @@ from uavbench.city import NUM_ACTIONS
 from uavbench.episode import train_numbers
 from uavbench.observation import Observer
 from uavbench.simulator import Simulator
-from uavbench.state import new_state
+from uavbench.state import index_targets, new_state
 from uavbench.torch_state import pack, tensors, unpack, unpack_network
 from uavbench.weights import weights_for, weights_path
 
@@ -225,10 +225,10 @@ class Replay:
         """Return the observations of states, time first, as one batch."""
         count = picked["budget"].size
         if count not in self._scratch:
-            self._scratch[count] = new_state(count, 1, self._scenario.shape, len(self._scenario.mission.layers))
+            self._scratch[count] = new_state(self._scenario, count, 1)
         state = self._scratch[count]
         state.target[:] = picked["target"].reshape(state.target.shape)
-        state.row_targets[:] = state.target.any(axis=2)
+        index_targets(state)
         if "layers" in picked:
             state.layers[:] = picked["layers"].reshape(state.layers.shape)
         state.position[:, 0] = picked["position"].reshape(-1, 2)

@@ -101,7 +101,6 @@ class SurveillanceMission(Mission):
             state.position,
             state.done,
             state.target,
-            state.row_targets,
             state.remaining,
             state.reward,
             state.layers,
@@ -126,7 +125,6 @@ class SurveillanceMission(Mission):
         self.wait[index] = np.where(sites, 0, -1)
         self.seen[index] = False
         state.target[index] = sites
-        state.row_targets[index] = sites.sum(axis=2)
         state.layers[index] = 0.0
         state.total[index] = state.remaining[index] = sites.sum(axis=(1, 2))
 
@@ -145,7 +143,7 @@ def _draw(keys, places, fewest, most, sites):
 
 
 @kernel
-def _collect(uav, position, done, target, row_targets, remaining, reward, layers, wait, seen, reach, cooldown, value):
+def _collect(uav, position, done, target, remaining, reward, layers, wait, seen, reach, cooldown, value):
     """Let a step pass, once for all UAVs, and see with UAV ``uav`` of each slot, where it flies on."""
     rows, cols = target.shape[1:]
     for i in range(len(done)):
@@ -157,7 +155,6 @@ def _collect(uav, position, done, target, row_targets, remaining, reward, layers
                         layers[i, 0, r, c] -= 1.0
                         if wait[i, r, c] == 0:
                             target[i, r, c] = 1.0
-                            row_targets[i, r] += 1
         if done[i, uav]:
             continue
         y, x = position[i, uav]
@@ -166,7 +163,6 @@ def _collect(uav, position, done, target, row_targets, remaining, reward, layers
                 if wait[i, r, c] == 0:
                     wait[i, r, c] = layers[i, 0, r, c] = cooldown
                     target[i, r, c] = 0.0
-                    row_targets[i, r] -= 1
                     remaining[i] -= not seen[i, r, c]
                     seen[i, r, c] = True
                     reward[i, uav] += value

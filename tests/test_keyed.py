@@ -52,6 +52,24 @@ def test_the_normal_quantile_is_exact_to_the_last_digits():
         assert keyed.normal_quantile(p) == pytest.approx(expected, rel=1e-14, abs=1e-15)
 
 
+EXTREMES = [0, 1, 2**11 - 1, 2**11, 2**58 - 1, 2**58, 2**63, 2**64 - 2**11, 2**64 - 1]
+
+
+def test_all_bits_give_a_finite_normal_number_that_its_bound_is_not_below():
+    generator = np.random.default_rng(1)
+    drawn = [int(n) for n in generator.integers(0, 2**64, 20_000, dtype=np.uint64)]
+    edges = [(n << 58) + d for n in range(64) for d in (0, 2**58 - 1)]
+    for bits in np.array([*EXTREMES, *drawn, *edges], dtype=np.uint64):
+        number = keyed.normal_of(bits)
+        assert np.isfinite(number)
+        assert number <= keyed.normal_above(bits)
+
+
+def test_more_bits_give_no_smaller_normal_number():
+    ordered = np.sort(np.concatenate([np.random.default_rng(2).integers(0, 2**64, 5000, dtype=np.uint64), np.uint64(EXTREMES)]))
+    assert (np.diff([keyed.normal_of(bits) for bits in ordered]) >= 0).all()
+
+
 def test_normal_numbers_are_normal_and_independent_of_their_neighbours():
     start = np.uint64(keyed.stream(np.uint64(9), keyed.NOISE))
     drawn = np.array([keyed.normal(start, k) for k in range(40_000)])

@@ -22,6 +22,8 @@ from uavbench.values import as_integer, shown
 #: Number of episodes of the train split.
 TRAIN_EPISODES = 2**62
 
+_SPLIT_BITS = {split: np.uint64(place << 62) for place, split in enumerate(SPLITS)}
+
 #: Columns of a table of episodes, one row an episode: ``key``, ``start``, ``budget`` and those of the mission.
 Columns = dict[str, NDArray[Any]]
 
@@ -52,7 +54,7 @@ def check_number(scenario: Scenario, split: SplitName, number: object) -> int:
 
 def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uint64]:
     """Return the keys of the episodes ``numbers`` of ``split``."""
-    return np.uint64(SPLITS.index(split) << 62) | numbers.astype(np.uint64)
+    return _SPLIT_BITS[split] | numbers.astype(np.uint64)
 
 
 def fresh_keys(secret: int, numbers: Sequence[int]) -> NDArray[np.uint64]:

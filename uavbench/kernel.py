@@ -8,6 +8,7 @@ cache is compiled again. Numba itself would run machine code that was cut short.
 """
 
 import contextlib
+import functools
 import hashlib
 import importlib
 import io
@@ -24,6 +25,7 @@ import numba
 from numba.core import caching
 
 _F = TypeVar("_F", bound=Callable[..., Any])
+_R = TypeVar("_R")
 _DIGEST_BYTES = hashlib.sha256().digest_size
 _SAID = "UAVBENCH_CACHE_WARNED"  # in the environment, so that worker processes do not say it again
 
@@ -155,25 +157,51 @@ def kernel(function: _F) -> _F:
 
     No ``fastmath``: results must not depend on how a compiler reorders sums (ADR 3).
     """
-    compiled: Any = cast("Any", numba).njit(error_model="numpy")(function)
-    if _CACHE_FOLDER is not None:
-        config = cast("Any", numba).config
-        before, config.CACHE_DIR = config.CACHE_DIR, _CACHE_FOLDER
+    return _cached(cast("Any", numba).njit(error_model="numpy")(function))
+
+
+def parallel_kernel(function: Callable[..., _R]) -> Callable[..., _R]:
+    """Compile ``function``, whose first parameter is a number of threads, as a `kernel` with loops over ``numba.prange``.
+
+    Such a kernel only divides the slots of a batch among calls of another kernel: slots know nothing of each other, so the
+    results are the same to the last bit, whatever the number of threads. It is compiled when it is first called, which costs
+    nothing to those who never ask for threads.
+    """
+    compiled = _cached(cast("Any", numba).njit(error_model="numpy", parallel=True)(function))
+
+    @functools.wraps(function)
+    def run(threads: int, *rest: Any) -> _R:
+        numba_threads = cast("Any", numba)
+        before = numba_threads.get_num_threads()
+        numba_threads.set_num_threads(min(threads, numba_threads.config.NUMBA_NUM_THREADS))
         try:
-            compiled.enable_caching()
-        except (OSError, RuntimeError):  # Numba found no place for it: the folder has gone since
-            return compiled
+            return compiled(threads, *rest)
         finally:
-            config.CACHE_DIR = before
-        compiled._cache._cache_file.__class__ = _CheckedFile
-    return compiled
+            numba_threads.set_num_threads(before)
+
+    return run
+
+
+def _cached(compiled: Any) -> Any:
+    """Let a compiled function keep its machine code in the cache folder."""
+    if _CACHE_FOLDER is None:
+        return compiled
     config = cast("Any", numba).config
-    before = config.CACHE_DIR
-    config.CACHE_DIR = before or _CACHE_FOLDER  # a user's NUMBA_CACHE_DIR wins
+    before, config.CACHE_DIR = config.CACHE_DIR, _CACHE_FOLDER
     try:
-        return cast("Any", numba).njit(cache=True, error_model="numpy")(function)
+        compiled.enable_caching()
+    except (OSError, RuntimeError):  # Numba found no place for it: the folder has gone since
+        return compiled
     finally:
         config.CACHE_DIR = before
+    compiled._cache._cache_file.__class__ = _CheckedFile
+    return compiled
+
+
+@kernel
+def share(size: int, part: int, parts: int) -> tuple[int, int]:
+    """Return where part ``part`` of ``parts`` equal ones of ``size`` slots begins, and where the next one does."""
+    return size * part // parts, size * (part + 1) // parts
 
 
 @contextlib.contextmanager

@@ -14,8 +14,9 @@ from uavbench.kernel import kernel
 _GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 _MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX_2 = np.uint64(0x94D049BB133111EB)
-_30, _27, _31, _32, _11 = (np.uint64(n) for n in (30, 27, 31, 32, 11))
+_30, _27, _31, _32, _11, _58 = (np.uint64(n) for n in (30, 27, 31, 32, 11, 58))
 _UNIT = 1.0 / 9007199254740992.0  # 2⁻⁵³
+_LARGEST = 1.0 - _UNIT
 
 # What a stream is for: streams of one key with different purposes are independent.
 START, CONTENT, NOISE, AGENT, SCATTER, TEAM = (np.uint64(n) for n in (1, 2, 3, 4, 5, 17))  # why 17: ADR 5
@@ -62,10 +63,28 @@ def next_uniform(cursor: NDArray[np.uint64], low: float, high: float) -> float:
 
 
 @kernel
+def element(start: np.uint64, index: int) -> np.uint64:
+    """Return element ``index``, 64 bits, of the stream that begins in state ``start``."""
+    return mix(np.uint64(start) + np.uint64(index) * _GOLDEN)
+
+
+@kernel
+def normal_of(bits: np.uint64) -> float:
+    """Map 64 bits to the standard normal distribution, monotonically."""
+    p = (np.float64(np.int64(np.uint64(bits) >> _11)) + 0.5) * _UNIT
+    return normal_quantile(min(p, _LARGEST))  # the largest of 2⁵³ numbers is rounded to 1, whose quantile is infinite
+
+
+@kernel
+def normal_above(bits: np.uint64) -> float:
+    """Return a number that `normal_of` of the same bits does not exceed, from a table of 64."""
+    return _ABOVE[np.uint64(bits) >> _58]
+
+
+@kernel
 def normal(start: np.uint64, index: int) -> float:
     """Return element ``index`` of the standard normal stream that begins in state ``start``."""
-    bits = mix(np.uint64(start) + np.uint64(index) * _GOLDEN)
-    return normal_quantile((np.float64(np.int64(bits >> _11)) + 0.5) * _UNIT)
+    return normal_of(element(start, index))
 
 
 @kernel
@@ -122,6 +141,9 @@ _TAIL = (
     (5.46378491116411436990e0, 5.99832206555887937690e-1),
     (6.65790464350110377720e0, 1.0),
 )
+
+# The quantiles of 1/64, …, 63/64 and the largest drawn, and a margin for their rounding.
+_ABOVE = np.array([normal_quantile(min((n + 1) / 64, _LARGEST)) for n in range(64)]) + 1e-9
 
 #: The coefficients of `normal_quantile`, for those who compute it elsewhere.
 QUANTILE = {"centre": _CENTRE, "shoulder": _SHOULDER, "tail": _TAIL}

@@ -98,6 +98,9 @@ class Words(NamedTuple):
     shade: str = ""
 
 
+Pooling = Literal["map", "counts", "spots"]
+
+
 class MissionParameters(Record):
     """The parameters of a mission, and what can be said of it without compiling anything.
 
@@ -116,6 +119,9 @@ class MissionParameters(Record):
         What pictures say about the mission.
     counted : str
         What targets are called where a report counts them; empty where it tells their share of all cells.
+    pooling : {"map", "counts", "spots"}
+        What a mission keeps of the target map besides it, for a faster observation: nothing; the counts of targets that are
+        all 1; or a list of few targets. See `uavbench.pooling`.
     """
 
     kind: Any
@@ -123,6 +129,12 @@ class MissionParameters(Record):
     sha256: str | None = None
     words: ClassVar[Words] = Words()
     counted: ClassVar[str] = ""
+    pooling: ClassVar[Pooling] = "map"
+
+    @property
+    def most_targets(self) -> int:
+        """How many cells of the target map can be other than 0, for ``pooling`` by ``"spots"``."""
+        return 0
 
     @property
     @abstractmethod
@@ -182,6 +194,7 @@ class Coverage(MissionParameters):
     target_fraction: tuple[_Fraction, _Fraction]
 
     words: ClassVar[Words] = Words(target="target to cover", done="covered target")
+    pooling: ClassVar[Pooling] = "counts"
 
     _ranges = field_validator("shapes", "target_fraction")(ordered)
 
@@ -267,8 +280,14 @@ class Harvesting(MissionParameters):
         shade="darker: in sight of fewer devices",
     )
     counted: ClassVar[str] = "devices"
+    pooling: ClassVar[Pooling] = "spots"
 
     _ranges = field_validator("devices", "data")(ordered)
+
+    @property
+    def most_targets(self) -> int:
+        """How many cells of the target map can be other than 0."""
+        return self.devices[1]
 
     @property
     def largest_target(self) -> float:
@@ -302,6 +321,6 @@ class Harvesting(MissionParameters):
 
     def viewer(self, shape: tuple[int, int]) -> dict[str, Any]:
         """Return the channel on a map of ``shape``."""
-        from uavbench.missions.harvesting import channel_of
+        from uavbench.missions.channel import channel_of
 
         return channel_of(self, shape)._asdict()

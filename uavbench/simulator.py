@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uavbench.city import HOVER, LAND, NUM_ACTIONS, OFFSETS, City, city_of
+from uavbench.city import NUM_ACTIONS, City, city_of
 from uavbench.episode import Columns, check_number, episode_keys, frozen_columns
-from uavbench.kernel import kernel
 from uavbench.missions import Mission
+from uavbench.moves import move, move_apart, write_masks, wrong_action
 from uavbench.options import read_budget, read_noise, read_start, read_uavs
 from uavbench.outcomes import outcome_of, outcomes_of
 from uavbench.resources import scenario_paths
@@ -23,7 +23,8 @@ from uavbench.slots import SimulatorState, put, take
 from uavbench.starts import draw_starts, scatter_starts
 from uavbench.state import State, new_state
 
-_CUSTOM = -1
+_CUSTOM = len(SPLITS)  # the code of an episode set by hand; those of the others are the places of their splits
+_NAMES: tuple[str, ...] = (*SPLITS, "custom")
 _REDRAWN = 8  # frozen episodes that are drawn again, to see that they are of the scenario as it is
 
 
@@ -36,6 +37,8 @@ class Simulator:
         What is simulated.
     num_envs : int
         Size B of the batch: the number of slots, each of which holds one episode at a time.
+    threads : int
+        How many threads share the slots of a step. The results are the same to the last bit.
 
     Attributes
     ----------
@@ -48,19 +51,36 @@ class Simulator:
     """
 
     #: Name of the split of an episode set by hand; its number is −1.
-    CUSTOM = "custom"
+    CUSTOM = _NAMES[_CUSTOM]
 
-    def __init__(self, scenario: Scenario, num_envs: int) -> None:
+    def __init__(self, scenario: Scenario, num_envs: int, threads: int = 1) -> None:
         self.scenario = scenario
         self.num_envs = num_envs
+        self.threads = threads
         self.city: City = city_of(scenario)
-        self.state: State = new_state(num_envs, scenario.most_uavs, self.city.shape, len(scenario.mission.layers))
+        self.state: State = new_state(scenario, num_envs, scenario.most_uavs)
         self.mission: Mission = scenario.mission.make(scenario, self.city, num_envs)
+        self.mission.threads = threads
+        self._all = np.arange(num_envs)
         self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
         self._fitting: set[str] = set()  # splits whose frozen episodes were found to be this scenario's
         rewards = scenario.rewards
-        self._rewards = (rewards.movement, rewards.safety, rewards.crash)
+        state, city = self.state, self.city
+        self._moved = (  # what `move` takes, listed once: the arrays are never reallocated
+            state.position,
+            state.previous,
+            state.budget,
+            state.blocked,
+            state.landed,
+            state.done,
+            state.reward,
+            city.landing,
+            city.no_fly,
+            rewards.movement,
+            rewards.safety,
+            rewards.crash,
+        )
         self._shape = (num_envs, scenario.most_uavs) if scenario.team else (num_envs,)
 
     def reset(self, index: ArrayLike, split: SplitName, numbers: ArrayLike) -> None:
@@ -80,7 +100,8 @@ class Simulator:
         """
         slots = np.asarray(index, dtype=np.int64)
         wanted = np.asarray(numbers, dtype=np.int64)
-        for number in (wanted.min(), wanted.max()):
+        listed: list[int] = wanted.tolist()
+        for number in (min(listed), max(listed)):
             check_number(self.scenario, split, number)
         frozen = frozen_columns(self.scenario, split)
         if frozen is None:
@@ -94,18 +115,38 @@ class Simulator:
 
     def episode(self, i: int) -> tuple[str, int]:
         """Return split and number of the episode in slot ``i``; ``("custom", -1)`` when it was set by hand."""
-        split = int(self._splits[i])
-        return (SPLITS[split] if split >= 0 else self.CUSTOM), int(self._numbers[i])
+        return _NAMES[int(self._splits[i])], int(self._numbers[i])
+
+    def episode_code(self, i: int) -> tuple[np.int64, np.int64]:
+        """Return the place of the split of the episode in slot ``i`` in `SPLITS`, and its number; 3 and −1 when set by hand."""
+        return self._splits[i], self._numbers[i]
 
     def episodes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return for every slot the place of its episode's split in `SPLITS` and its number; −1 and −1 where set by hand."""
+        """Return for every slot the place of its episode's split in `SPLITS`, and its number; 3 and −1 where set by hand."""
         return self._splits.copy(), self._numbers.copy()
 
     def sample(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
         """Draw the episodes of ``keys`` in the slots ``index``, frozen or not."""
         self.state.key[index] = keys
-        draw_starts(self.state, index, self.city.landing_cells, *self.scenario.budget, *(self.scenario.uavs or (1, 1)))
-        self.mission.sample(self.state, index)
+        state = self.state
+        draw_starts(
+            index,
+            state.key,
+            state.uavs,
+            state.position,
+            state.previous,
+            state.budget,
+            state.initial_budget,
+            state.blocked,
+            state.landed,
+            state.done,
+            state.noise,
+            state.reward,
+            self.city.landing_cells,
+            *self.scenario.budget,
+            *(self.scenario.uavs or (1, 1)),
+        )
+        self.mission.sample(state, index)
 
     def scatter(self, index: NDArray[np.int64]) -> None:
         """Move the UAVs of episodes just started in the slots ``index`` anywhere, with any budget they can land with.
@@ -213,29 +254,23 @@ class Simulator:
         chosen = np.asarray(actions)
         if chosen.shape != self._shape or chosen.dtype.kind not in "iu":
             raise ValueError(f"actions: {chosen.dtype} of shape {chosen.shape}, expected integers, {self._shape}")
-        actions = chosen.astype(np.int64, order="C").reshape(self.num_envs, -1)
-        state, city, mission = self.state, self.city, self.mission
-        for uav in range(actions.shape[1]):
-            wrong = _move(
-                uav,
-                actions,
-                state.position,
-                state.previous,
-                state.budget,
-                state.blocked,
-                state.landed,
-                state.done,
-                state.reward,
-                city.landing,
-                city.no_fly,
-                *self._rewards,
-            )
-            if wrong >= 0:
-                raise ValueError(f"actions: {chosen.flat[wrong]} is not an action from 0 to {NUM_ACTIONS - 1}")
-            mission.collect(state, uav)
+        checked = chosen.astype(np.int64, order="C").reshape(self.num_envs, -1)
+        wrong = wrong_action(checked)
+        if wrong >= 0:
+            raise ValueError(f"actions: {chosen.flat[wrong]} is not an action from 0 to {NUM_ACTIONS - 1}")
+        self.fly(checked)
 
-    def outcomes(self, index: ArrayLike) -> dict[str, NDArray[Any]]:
-        """Return the metrics of the episodes in the slots ``index``, each of shape (K,).
+    def fly(self, actions: NDArray[np.int64]) -> None:
+        """Do what `step` does, with actions that are known to be right: contiguous, shape (B, U), each from 0 to 5."""
+        for uav in range(actions.shape[1]):
+            if self.threads > 1:
+                move_apart(self.threads, uav, actions, *self._moved)
+            else:
+                move(0, self.num_envs, uav, actions, *self._moved)
+            self.mission.collect(self.state, uav)
+
+    def outcomes(self, index: ArrayLike | None = None) -> dict[str, NDArray[Any]]:
+        """Return the metrics of the episodes in the slots ``index`` (all of them by default), each of shape (K,).
 
         Returns
         -------
@@ -243,7 +278,7 @@ class Simulator:
             ``landed`` (bool: every UAV of the team), ``cr`` and ``cral`` (float64, in [0, 1]), ``blocked`` (int64: of all
             UAVs together).
         """
-        return outcomes_of(self.state, np.asarray(index, dtype=np.int64))
+        return outcomes_of(self.state, self._all if index is None else np.asarray(index, dtype=np.int64))
 
     def outcome(self, i: int) -> dict[str, bool | float | int]:
         """Return the metrics of the episode in slot ``i`` as numbers of Python: those of `outcomes`."""
@@ -255,12 +290,9 @@ class Simulator:
         UAVs decide at once and move in order, so a cell held by a UAV that moves later is masked: the move is blocked. One
         held by a UAV that moves before is not: it may be free by then.
         """
-        position = self.state.position
-        if not self.scenario.team:
-            return self.city.action_mask[position[:, 0, 0], position[:, 0, 1]]
-        mask = self.city.action_mask[position[:, :, 0], position[:, :, 1]]
-        _mask_occupied(position, self.state.done, mask)
-        return mask
+        mask = np.empty((*self.state.done.shape, NUM_ACTIONS), dtype=np.int8)
+        write_masks(self.state.position, self.state.done, self.city.action_mask, mask)
+        return mask if self.scenario.team else mask[:, 0]
 
     def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
         """Return the episode in slot ``i`` as columns, with what ``options`` name in its place."""
@@ -332,82 +364,3 @@ class Simulator:
         state.noise[index] = True
         state.reward[index] = 0.0
         self.mission.restore(state, index, columns)
-
-
-@kernel
-def _held(position: NDArray[np.int32], done: NDArray[np.bool_], i: int, r: int, c: int, first: int) -> bool:
-    """Say whether an active UAV from ``first`` on holds the cell (r, c) in slot ``i``."""
-    held = False
-    for w in range(first, done.shape[1]):
-        held = held or (not done[i, w] and position[i, w, 0] == r and position[i, w, 1] == c)
-    return held
-
-
-@kernel
-def _mask_occupied(position: NDArray[np.int32], done: NDArray[np.bool_], mask: NDArray[np.int8]) -> None:
-    """Mask moves into cells held by UAVs that move later in the step."""
-    for i in range(len(mask)):
-        for u in range(mask.shape[1]):
-            for action in range(4):
-                r, c = position[i, u, 0] + OFFSETS[action, 0], position[i, u, 1] + OFFSETS[action, 1]
-                if mask[i, u, action] and _held(position, done, i, r, c, u + 1):
-                    mask[i, u, action] = 0
-
-
-@kernel
-def _move(
-    uav: int,
-    actions: NDArray[np.int64],
-    position: NDArray[np.int32],
-    previous: NDArray[np.int32],
-    budget: NDArray[np.int32],
-    blocked: NDArray[np.int32],
-    landed: NDArray[np.bool_],
-    done: NDArray[np.bool_],
-    reward: NDArray[np.float64],
-    landing: NDArray[np.bool_],
-    no_fly: NDArray[np.bool_],
-    movement: float,
-    safety: float,
-    crash: float,
-) -> int:
-    """Move UAV ``uav`` of every slot, where it flies, pay its budget, and reward everything but the gain.
-
-    It is called at every step, so it takes plain arrays: Numba needs 1.5 µs longer to look at a named tuple of them.
-
-    Returns the first of all actions (in row-major order) that is out of range, in which case nothing is moved, or −1.
-    """
-    if uav == 0:
-        for i in range(len(actions)):
-            for w in range(actions.shape[1]):
-                if actions[i, w] < 0 or actions[i, w] > LAND:
-                    return i * actions.shape[1] + w
-    rows, cols = no_fly.shape
-    for i in range(len(done)):
-        if done[i, uav]:
-            reward[i, uav] = 0.0
-            continue
-        action = actions[i, uav]
-        r, c = position[i, uav, 0], position[i, uav, 1]
-        previous[i, uav, 0], previous[i, uav, 1] = r, c
-        stayed = True
-        if action == LAND:
-            landed[i, uav] = landing[r, c]
-        elif action != HOVER:
-            y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
-            if 0 <= y < rows and 0 <= x < cols and not no_fly[y, x] and not _held(position, done, i, y, x, 0):
-                position[i, uav, 0], position[i, uav, 1] = y, x
-                stayed = False
-            else:
-                blocked[i, uav] += 1
-        budget[i, uav] -= 1
-        paid = 0.0
-        if not landed[i, uav]:
-            paid += movement
-            if stayed and action != HOVER:
-                paid += safety
-            if budget[i, uav] == 0:
-                paid += crash
-        reward[i, uav] = paid
-        done[i, uav] = landed[i, uav] or budget[i, uav] == 0
-    return -1

@@ -10,8 +10,18 @@ from uavbench.state import State
 
 @kernel
 def draw_starts(
-    state: State,
     index: NDArray[np.int64],
+    key: NDArray[np.uint64],
+    uavs: NDArray[np.int32],
+    position: NDArray[np.int32],
+    previous: NDArray[np.int32],
+    budget: NDArray[np.int32],
+    initial_budget: NDArray[np.int32],
+    blocked: NDArray[np.int32],
+    landed: NDArray[np.bool_],
+    done: NDArray[np.bool_],
+    noise: NDArray[np.bool_],
+    reward: NDArray[np.float64],
     landing_cells: NDArray[np.int32],
     low: int,
     high: int,
@@ -25,23 +35,23 @@ def draw_starts(
     cursor = np.empty(1, dtype=np.uint64)
     for n in range(len(index)):
         i = int(index[n])
-        cursor[0] = stream(state.key[i], TEAM)
-        state.uavs[i] = fewest + next_integer(cursor, most - fewest + 1)
-        cursor[0] = stream(state.key[i], START)
+        cursor[0] = stream(key[i], TEAM)
+        uavs[i] = fewest + next_integer(cursor, most - fewest + 1)
+        cursor[0] = stream(key[i], START)
+        noise[i] = True
         for u in range(most):
-            taken = True
+            r, c, taken = 0, 0, True
             while taken:
-                cell = landing_cells[next_integer(cursor, len(landing_cells))]
+                r, c = landing_cells[next_integer(cursor, len(landing_cells))]
                 taken = False
                 for w in range(u):
-                    taken = taken or (state.position[i, w, 0] == cell[0] and state.position[i, w, 1] == cell[1])
-                state.position[i, u] = cell
-            state.previous[i, u] = state.position[i, u]
-            state.budget[i, u] = state.initial_budget[i, u] = low + next_integer(cursor, high - low + 1)
-            state.blocked[i, u] = 0
-            state.landed[i, u] = state.done[i, u] = u >= state.uavs[i]
-            state.reward[i, u] = 0.0
-        state.noise[i] = True
+                    taken = taken or (position[i, w, 0] == r and position[i, w, 1] == c)
+            position[i, u, 0], position[i, u, 1] = r, c
+            previous[i, u, 0], previous[i, u, 1] = r, c
+            budget[i, u] = initial_budget[i, u] = low + next_integer(cursor, high - low + 1)
+            blocked[i, u] = 0
+            landed[i, u] = done[i, u] = u >= uavs[i]
+            reward[i, u] = 0.0
 
 
 @kernel

@@ -1,9 +1,12 @@
 """The state of a batch of episodes: plain arrays, batch first, changed in place and never reallocated."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from uavbench.pooling import count_targets, find_targets, new_counts
+from uavbench.scenario import Scenario
 
 
 class State(NamedTuple):
@@ -27,8 +30,13 @@ class State(NamedTuple):
         Whether the UAV has landed, and whether it flies no more (landed or crashed). The episode ends with its last UAV.
     target : ndarray of float32, shape (B, M, N)
         The target map D(t): 1 where a cell is still to cover, or the data left at a device's cell.
-    row_targets : ndarray of int32, shape (B, M)
-        How many cells of each row of the target map are not 0: the observation passes over the others.
+    counts : ndarray of int, shape (B, g, H, g, W)
+        The numbers of targets in the blocks of the global map, where the mission keeps them: see `uavbench.pooling`. Else of
+        shape (B, 0, 0, 0, 0).
+    spots : ndarray of int32, shape (B, K, 2)
+        The cells of the target map that can be other than 0, where the mission lists them. Else of shape (B, 0, 2).
+    num_spots : ndarray of int32, shape (B,)
+        How many of them there are.
     layers : ndarray of float32, shape (B, L, M, N)
         The mission's own layers of the observation besides the target map; L is 0 in missions that have none.
     total, remaining : ndarray of float64, shape (B,)
@@ -48,16 +56,18 @@ class State(NamedTuple):
     landed: NDArray[np.bool_]
     done: NDArray[np.bool_]
     target: NDArray[np.float32]
-    row_targets: NDArray[np.int32]
+    counts: NDArray[Any]
+    spots: NDArray[np.int32]
+    num_spots: NDArray[np.int32]
     layers: NDArray[np.float32]
     total: NDArray[np.float64]
     remaining: NDArray[np.float64]
     reward: NDArray[np.float64]
 
 
-def new_state(num_envs: int, most_uavs: int, shape: tuple[int, int], layers: int = 0) -> State:
-    """Return a state in which no episode runs (``done`` everywhere), with so many layers of the mission's own."""
-    each = (num_envs, most_uavs)
+def new_state(scenario: Scenario, num_envs: int, most_uavs: int) -> State:
+    """Return a state of a scenario's episodes in which none runs (``done`` everywhere)."""
+    each, shape, mission = (num_envs, most_uavs), scenario.shape, scenario.mission
     return State(
         key=np.zeros(num_envs, dtype=np.uint64),
         noise=np.ones(num_envs, dtype=np.bool_),
@@ -70,9 +80,22 @@ def new_state(num_envs: int, most_uavs: int, shape: tuple[int, int], layers: int
         landed=np.zeros(each, dtype=np.bool_),
         done=np.ones(each, dtype=np.bool_),
         target=np.zeros((num_envs, *shape), dtype=np.float32),
-        row_targets=np.zeros((num_envs, shape[0]), dtype=np.int32),
-        layers=np.zeros((num_envs, layers, *shape), dtype=np.float32),
+        counts=new_counts(num_envs, shape, scenario.observation.global_scale)
+        if mission.pooling == "counts"
+        else np.zeros((num_envs, 0, 0, 0, 0), dtype=np.uint8),
+        spots=np.zeros((num_envs, mission.most_targets if mission.pooling == "spots" else 0, 2), dtype=np.int32),
+        num_spots=np.zeros(num_envs, dtype=np.int32),
+        layers=np.zeros((num_envs, len(mission.layers), *shape), dtype=np.float32),
         total=np.zeros(num_envs, dtype=np.float64),
         remaining=np.zeros(num_envs, dtype=np.float64),
         reward=np.zeros(each, dtype=np.float64),
     )
+
+
+def index_targets(state: State) -> None:
+    """Make ``counts`` or ``spots`` of target maps that were set from outside."""
+    for i in range(len(state.target)):
+        if state.counts.size:
+            count_targets(state.target[i], state.counts[i])
+        elif state.spots.size:
+            state.num_spots[i] = find_targets(state.target[i], state.spots[i])

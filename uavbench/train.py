@@ -291,7 +291,7 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
         return points, float(record["seconds"])
     except (AttributeError, KeyError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
         reason = one_line(error) or one_line(repr(error))
-        raise WeightsError(f"{checkpoint}: damaged: {reason}; delete it to start over") from None
+        raise WeightsError(f"{checkpoint}: damaged, or of another version: {reason}; delete it to start over") from None
 
 
 def _differences(found: Mapping[str, Any], expected: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any, Any]]:

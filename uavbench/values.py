@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LONGEST = 120  # characters of a value in a message
+_INTEGERS = (int, np.integer)  # made once: a union of types made at every call takes longer than the call
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = _LONGEST // 2
 _REPR.maxlevel = 3
@@ -22,7 +23,7 @@ def as_integer(value: object) -> int | None:
 
     An integer of Python or NumPy counts, and an array of integers without a dimension: ``np.array(3)``, ``torch.tensor(3)``.
     """
-    if isinstance(value, int | np.integer) and not isinstance(value, bool):
+    if isinstance(value, _INTEGERS) and not isinstance(value, bool):
         return int(cast("Any", value))
     try:
         given: Any = value

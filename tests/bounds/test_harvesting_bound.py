@@ -15,7 +15,7 @@ from uavbench import load_scenario
 from uavbench.bounds.harvesting import _NORMALS, _Problem, _spread, harvesting_bound
 from uavbench.bounds.worths import add_most, fill_rates
 from uavbench.city import city_of
-from uavbench.missions.harvesting import channel_of
+from uavbench.missions.channel import channel_of
 from uavbench.planning.harvesting import expected_rates, search
 from uavbench.simulator import Simulator
 

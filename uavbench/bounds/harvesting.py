@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from uavbench.bounds.worths import Graph, fill_gains, fill_gradient, fill_rates, fill_yields, fly, longest
 from uavbench.city import EAST, HOVER, OFFSETS, SOUTH, City, city_of
-from uavbench.missions.harvesting import channel_of
+from uavbench.missions.channel import channel_of
 from uavbench.parameters import Harvesting
 from uavbench.scenario import Scenario
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from uavbench.city import EAST, HOVER, SOUTH
 from uavbench.kernel import kernel
-from uavbench.missions.harvesting import Channel, log_snr_of
+from uavbench.missions.channel import Channel, log_snr_of
 
 _LEAST = 1e-14  # a chance, or the weight of a flight, that no longer counts
 _NEGLIGIBLE = -20.0  # and its logarithm, in one step

@@ -102,10 +102,10 @@ def information(simulator: Simulator, success_cr: float | NDArray[np.float64]) -
         ``cr``, ``cral`` (float64), ``blocked`` (int64), ``is_success`` (bool: landed, and CR at least ``success_cr``).
     """
     splits, numbers = simulator.episodes()
-    metrics = simulator.outcomes(np.arange(simulator.num_envs))
+    metrics = simulator.outcomes()
     success = metrics["landed"] & (metrics["cr"] >= success_cr)
     return {
-        "split": np.where(splits < 0, SPLIT_CODES[Simulator.CUSTOM], splits),
+        "split": splits,
         "episode_number": numbers,
         **metrics,
         "is_success": success,
@@ -118,12 +118,12 @@ def information_alone(simulator: Simulator, success_cr: float) -> dict[str, Any]
     TorchRL asks each of them for its dtype. A bool is an array without a dimension: of NumPy's bool, Gymnasium's vector
     environments would make an array of objects.
     """
-    split, number = simulator.episode(0)
+    split, number = simulator.episode_code(0)
     metrics = simulator.outcome(0)
     success = bool(metrics["landed"]) and metrics["cr"] >= success_cr
     return {
-        "split": np.int64(SPLIT_CODES[split]),
-        "episode_number": np.int64(number),
+        "split": split,
+        "episode_number": number,
         "landed": np.array(metrics["landed"]),
         "cr": np.float64(metrics["cr"]),
         "cral": np.float64(metrics["cral"]),

@@ -108,6 +108,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         self.success_cr = check_success(success_cr)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
+        self._action = np.zeros((1, 1), dtype=np.int64)
         self.observation_space: Any = observation_space(self.scenario, self._observer)
         self.action_space: Any = action_space()
         self._begun = False
@@ -161,11 +162,12 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         state = self.simulator.state
         if not self._begun:
             raise RuntimeError("step() before a successful reset(): call reset() first")
-        if state.done[0, 0]:
+        if state.done.item(0):
             raise RuntimeError("step() after the end of the episode: call reset() first")
-        self.simulator.step(np.array([check_action(action)]))
+        self._action[0, 0] = check_action(action)
+        self.simulator.fly(self._action)
         self._pictures.extend()
-        return self._observe(), float(state.reward[0, 0]), bool(state.done[0, 0]), False, self._info()
+        return self._observe(), state.reward.item(0), state.done.item(0), False, self._info()
 
     def get_state(self) -> EnvState:
         """Return the state of the episode, to come back to it by `set_state`; a search over many futures does.
@@ -201,8 +203,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
     def _mask(self) -> NDArray[np.int8]:
         if not self._begun:
             raise RuntimeError("no episode has begun: call reset() first")
-        r, c = self.simulator.state.position[0, 0]
-        return self.simulator.city.action_mask[r, c].copy()
+        position = self.simulator.state.position
+        return self.simulator.city.action_mask[position.item(0), position.item(1)].copy()
 
     def _info(self) -> dict[str, Any]:
         return {"action_mask": self._mask(), **information_alone(self.simulator, self.success_cr)}

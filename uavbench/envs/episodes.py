@@ -31,7 +31,8 @@ class Episodes:
     """
 
     def __init__(self, scenario: Scenario, split: str, order: str) -> None:
-        self._scenario, self._split, self._order = scenario, check_split(split), order
+        self._scenario, self._order = scenario, order
+        self.split: SplitName = check_split(split)
         if order not in ORDERS:
             raise ValueError(f"order: {shown(order)} is not one of {', '.join(ORDERS)}")
         self.restart()
@@ -46,7 +47,7 @@ class Episodes:
         Exactly one number is drawn whatever is asked for, so that a seeded sequence of resets goes on alike.
         """
         drawn = int(generator.bit_generator.random_raw()) >> 2
-        split = check_split(options.get("split", self._split))
+        split = check_split(options["split"]) if "split" in options else self.split
         if "episode" in options:
             return split, check_number(self._scenario, split, options["episode"])
         size = split_size(self._scenario, split)

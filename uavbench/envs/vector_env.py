@@ -57,6 +57,9 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         episode. (The environments of a ``SyncVectorEnv`` know nothing of each other, and each goes through all episodes.)
     max_episode_steps : int, optional
         Truncates episodes after so many steps, as Gymnasium's ``TimeLimit`` does; None or −1 for no limit.
+    threads : int
+        How many threads share the slots of a step, with the same results to the last bit. One by default, so that many
+        environments on a machine do not fight for its cores. It pays for large batches: see docs/performance.md.
     autoreset_mode : AutoresetMode or str
         ``"NextStep"`` (default), ``"SameStep"`` or ``"Disabled"``.
     """
@@ -72,6 +75,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         order: str = "random",
         success_cr: float = SUCCESS_CR,
         max_episode_steps: int | None = None,
+        threads: int = 1,
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
@@ -89,7 +93,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._episodes = Episodes(self.scenario, split, order)
         self._success_cr = np.full(num_envs, check_success(success_cr))
         self._limit = _check_limit(max_episode_steps)
-        self.simulator = Simulator(self.scenario, num_envs)
+        self.simulator = Simulator(self.scenario, num_envs, _check_threads(threads))
         self._observer = Observer(self.scenario)
         self.single_observation_space = observation_space(self.scenario, self._observer)
         self.single_action_space = action_space()
@@ -169,24 +173,24 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise RuntimeError("step() before a successful reset(): call reset() first")
         state = self.simulator.state
         done = state.done[:, 0]
-        late = self._elapsed >= self._limit
-        flying = ~(done | late)
-        waiting = np.flatnonzero(~flying)
+        before = done | (self._elapsed >= self._limit)  # whose episode has ended
+        waiting = before.nonzero()[0]
         if len(waiting) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise RuntimeError(f"step() after the end of the episodes in slots {waiting.tolist()}: reset them first")
         self.simulator.step(actions)
         self._elapsed += 1
-        rewards, terminated = np.where(flying, state.reward[:, 0], 0.0), done & flying
-        truncated = (self._elapsed >= self._limit) & flying
+        rewards, terminated = state.reward[:, 0].copy(), done > before
+        rewards[waiting] = 0.0
+        truncated = (self._elapsed >= self._limit) > before
         self._pictures.extend()
         infos: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            over = np.flatnonzero(terminated | truncated)
+            over = (terminated | truncated).nonzero()[0]
             if len(over):
                 infos = self._final(over)
-                self._start(over, {})
+                self._restart(over)
         elif len(waiting):
-            self._start(waiting, {})
+            self._restart(waiting)
         infos.update(self._info(self._all))
         return self._observe(self._all), rewards, terminated, truncated, infos
 
@@ -271,15 +275,27 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """Return slots as a list; all of them where ``index`` is None."""
         return (self._all if index is None else np.asarray(index)).tolist()
 
+    def _restart(self, index: NDArray[np.int64]) -> None:
+        """Start the next episodes of the environment's own split in the slots ``index``."""
+        slots: list[int] = index.tolist()
+        numbers = [self._episodes.choose({}, self._generator(i))[1] for i in slots]
+        self.simulator.reset(index, self._episodes.split, numbers)
+        self._elapsed[index] = 0
+        self._pictures.begin(slots)
+
+    def _generator(self, i: int) -> np.random.Generator:
+        """Return slot ``i``'s generator, seeded by the system if nobody has seeded it."""
+        generator = self._generators[i]
+        if generator is None:
+            generator = self._generators[i] = seeding.np_random()[0]
+        return generator
+
     def _start(self, index: NDArray[np.int64], options: dict[int, dict[str, Any]]) -> None:
-        """Start the next episodes in the slots ``index``."""
+        """Start episodes in the slots ``index``, each with its options of ``reset``."""
         by_split: dict[SplitName, list[tuple[int, int]]] = {}
         slots: list[int] = index.tolist()
         for i in slots:
-            generator = self._generators[i]
-            if generator is None:
-                generator = self._generators[i] = seeding.np_random()[0]
-            split, number = self._episodes.choose(options.get(i, {}), generator)
+            split, number = self._episodes.choose(options[i], self._generator(i))
             by_split.setdefault(split, []).append((i, number))
         for split, chosen in by_split.items():
             started, numbers = zip(*chosen, strict=True)
@@ -290,7 +306,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def _observe(self, index: NDArray[np.int64]) -> Observation:
         """Return fresh arrays with the observations of the slots ``index`` in their places."""
         batch = self._observer.empty(self.num_envs)
-        self._observer.write(self.simulator.state, index, batch)
+        self._observer.write(self.simulator.state, index, batch, self.simulator.threads)
         return batch
 
     def _final(self, over: NDArray[np.int64]) -> dict[str, Any]:
@@ -309,13 +325,14 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
     def _info(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Return the batched information about the slots ``index``, with zeros in the places of the others."""
-        infos: dict[str, Any] = {}
         known = {"action_mask": self.simulator.action_mask(), **information(self.simulator, self._success_cr)}
-        flags = self._flags(index)
-        for name, values in known.items():
+        flags = np.zeros((len(known), self.num_envs), dtype=np.bool_)  # a row for each, which nobody else holds
+        flags[:, index] = True
+        infos: dict[str, Any] = {}
+        for row, (name, values) in zip(flags, known.items(), strict=True):
             if len(index) < self.num_envs:
-                values[~flags] = 0
-            infos[name], infos[f"_{name}"] = values, flags.copy()
+                values[~row] = 0
+            infos[name], infos[f"_{name}"] = values, row
         return infos
 
     def _flags(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -352,6 +369,14 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if len(numbers) != self.num_envs:
             raise ValueError(f"episode: {len(numbers)} numbers for {self.num_envs} environments")
         return {i: {**given, "episode": numbers[i]} for i in slots}
+
+
+def _check_threads(threads: object) -> int:
+    """Return a number of threads, or refuse what is none."""
+    number = as_integer(threads)
+    if number is None or number < 1:
+        raise ValueError(f"threads: {shown(threads)} is not an integer from 1 on")
+    return number
 
 
 def _check_limit(steps: object) -> int:

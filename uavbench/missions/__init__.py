@@ -18,10 +18,13 @@ if TYPE_CHECKING:
 class Mission(ABC):
     """What the simulator asks of a mission. ``index`` names slots of the batch; B is its size.
 
-    A mission owns the target map of the state, the sums that belong to it (``target``, ``row_targets``, ``total`` and
-    ``remaining``) and its layers of the observation (``layers``), and whatever arrays it needs besides, which it names in
-    `arrays`.
+    A mission owns the target map of the state (``target``, and ``counts`` or ``spots`` if its parameters name such a
+    ``pooling``), the sums that belong to it (``total`` and ``remaining``), its layers of the observation (``layers``), and
+    whatever arrays it needs besides, which it names in `arrays`.
     """
+
+    #: How many threads `sample` and `collect` may use: the simulator sets it. A mission need not use more than one.
+    threads: int = 1
 
     #: The one option of ``reset`` that sets the targets by hand.
     option: ClassVar[str]

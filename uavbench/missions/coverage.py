@@ -7,15 +7,17 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from uavbench.city import City, city_of, look
 from uavbench.episode import Columns
-from uavbench.kernel import kernel
+from uavbench.kernel import kernel, parallel_kernel, share
 from uavbench.keyed import CONTENT, stream
 from uavbench.missions import Mission
 from uavbench.missions.shapes import draw_shapes
 from uavbench.parameters import Coverage
+from uavbench.pooling import count_targets, remove_target
 from uavbench.scenario import Scenario, ScenarioError
 from uavbench.state import State
 from uavbench.values import as_array, shown
@@ -47,7 +49,9 @@ class CoverageMission(Mission):
         low, high = self._parameters.target_fraction
         fewest, most = self._parameters.shapes
         attempts = min(_ATTEMPTS, max(_FEWEST_ATTEMPTS, _PAINTED // (self._city.building.size * most)))
-        if not _sample(state, index, self._city.building, fewest, most, low, high, attempts):
+        arrays = (state.key, state.target, state.counts, state.total, state.remaining)
+        drawn = (self._city.building, fewest, most, low, high, attempts)
+        if not (_sample_apart(self.threads, index, *arrays, *drawn) if self.threads > 1 else _sample(index, *arrays, *drawn)):
             raise ScenarioError(
                 f"{self._name}: mission.target_fraction: {fewest} to {most} shapes did not cover {low} to {high} of the "
                 f"cells (with one outside buildings) in {attempts} attempts: widen it, or change mission.shapes"
@@ -62,8 +66,9 @@ class CoverageMission(Mission):
         rows, cols = self._city.shape
         bits = np.unpackbits(columns["targets"].astype(np.uint8), axis=1, count=rows * cols)
         state.target[index] = bits.reshape(-1, rows, cols)
-        state.row_targets[index] = bits.reshape(-1, rows, cols).sum(axis=2)
         state.total[index] = state.remaining[index] = bits.sum(axis=1)
+        for i in index.tolist():
+            count_targets(state.target[i], state.counts[i])
 
     def fits(self, columns: Columns) -> bool:
         """Say whether frozen columns can be of this scenario: a bit for every cell, none on a building."""
@@ -93,18 +98,22 @@ class CoverageMission(Mission):
 
     def collect(self, state: State, uav: int) -> None:
         """Cover what the cameras see, and add r_c per newly covered cell to the rewards."""
-        _collect(
+        arrays: tuple[Any, ...] = (
             uav,
             state.position,
             state.done,
             state.target,
-            state.row_targets,
+            state.counts,
             state.remaining,
             state.reward,
             self.views,
             self._parameters.camera_size // 2,
             self._collect_reward,
         )
+        if self.threads > 1:
+            _collect_apart(self.threads, *arrays)
+        else:
+            _collect(0, len(state.done), *arrays)
 
 
 def camera_views(scenario: Scenario) -> NDArray[np.uint64]:
@@ -154,8 +163,12 @@ def _all_views(building: NDArray[np.bool_], reach: int) -> NDArray[np.uint64]:
 
 @kernel
 def _sample(
-    state: State,
     index: NDArray[np.int64],
+    key: NDArray[np.uint64],
+    target: NDArray[np.float32],
+    counts: NDArray[Any],
+    total: NDArray[np.float64],
+    remaining: NDArray[np.float64],
     building: NDArray[np.bool_],
     fewest: int,
     most: int,
@@ -169,52 +182,61 @@ def _sample(
     cells = building.size
     for n in range(len(index)):
         i = int(index[n])
-        cursor[0] = stream(state.key[i], CONTENT)
+        cursor[0] = stream(key[i], CONTENT)
         left = 0
         for _ in range(attempts):
             painted, _placed = draw_shapes(cursor, fewest, most, grid)
             if low * cells <= painted <= high * cells:
-                left = _keep(grid, building, state.target[i], state.row_targets[i])
+                left = _keep(grid, building, target[i])
                 if left > 0:
                     break
         if left == 0:
             return False
-        state.total[i] = state.remaining[i] = left
+        count_targets(target[i], counts[i])
+        total[i] = remaining[i] = left
     return True
 
 
+@parallel_kernel
+def _sample_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> bool:
+    """Do the same with several threads."""
+    drawn = np.empty(threads, dtype=np.bool_)
+    for part in prange(threads):
+        first, last = share(len(index), part, threads)
+        drawn[part] = _sample(index[first:last], *rest)
+    return bool(drawn.all())
+
+
 @kernel
-def _keep(
-    grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32], row_targets: NDArray[np.int32]
-) -> int:
+def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32]) -> int:
     """Make the painted cells that are not buildings the targets; return their number."""
-    for r in range(grid.shape[0]):
-        painted, walls, kept = grid[r], building[r], target[r]
-        left = 0
-        for c in range(len(painted)):
-            keep = painted[c] & ~walls[c] & 1
-            kept[c] = keep
-            left += keep
-        row_targets[r] = left
-    return row_targets.sum()
+    left = 0
+    painted, walls, kept = grid.reshape(-1), building.reshape(-1), target.reshape(-1)
+    for c in range(len(painted)):
+        keep = painted[c] & ~walls[c] & 1
+        kept[c] = keep
+        left += keep
+    return left
 
 
 @kernel
 def _collect(
+    first: int,
+    last: int,
     uav: int,
     position: NDArray[np.int32],
     done: NDArray[np.bool_],
     target: NDArray[np.float32],
-    row_targets: NDArray[np.int32],
+    counts: NDArray[Any],
     remaining: NDArray[np.float64],
     reward: NDArray[np.float64],
     views: NDArray[np.uint64],
     reach: int,
     value: float,
 ) -> None:
-    """Cover what UAV ``uav`` of each slot sees, where it flies on. Plain arrays, as in the simulator's ``_move``."""
+    """Cover what UAV ``uav`` sees in the slots [``first``, ``last``), where it flies on."""
     side = 2 * reach + 1
-    for i in range(len(done)):
+    for i in range(first, last):
         if done[i, uav]:
             continue
         r, c = position[i, uav, 0], position[i, uav, 1]
@@ -225,11 +247,19 @@ def _collect(
                 # The view first: it never shows a cell off the map.
                 if view & np.uint64(1) and target[i, r + y - reach, c + x - reach] > 0.0:
                     target[i, r + y - reach, c + x - reach] = 0.0
-                    row_targets[i, r + y - reach] -= 1
+                    remove_target(counts[i], r + y - reach, c + x - reach)
                     gain += 1
                 view >>= np.uint64(1)
         remaining[i] -= gain
         reward[i, uav] += value * gain
+
+
+@parallel_kernel
+def _collect_apart(threads: int, uav: int, position: NDArray[np.int32], *rest: Any) -> None:
+    """Do the same in all slots with several threads."""
+    for part in prange(threads):
+        first, last = share(len(position), part, threads)
+        _collect(first, last, uav, position, *rest)
 
 
 @kernel

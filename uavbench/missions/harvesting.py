@@ -9,20 +9,23 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from uavbench.city import City, look
 from uavbench.episode import Columns
-from uavbench.kernel import kernel
-from uavbench.keyed import CONTENT, NOISE, next_integer, next_uniform, normal, stream
+from uavbench.kernel import kernel, parallel_kernel, share
+from uavbench.keyed import CONTENT, NOISE, element, next_integer, next_uniform, normal_above, normal_of, stream
 from uavbench.missions import Mission
+from uavbench.missions.channel import Channel, channel_of, log_below, log_snr_of, square_of
 from uavbench.parameters import Harvesting
 from uavbench.scenario import Scenario
 from uavbench.state import State
 from uavbench.values import as_array, shown
 
-_NEPERS_PER_DB = math.log(10.0) / 10.0
 _CACHED_SIGHTS = 4096
+
+__all__ = ["Devices", "HarvestingMission", "channel_of", "log_snr_of"]  # agents find the channel here too
 
 
 class Devices(NamedTuple):
@@ -61,20 +64,6 @@ class Sights(NamedTuple):
     bits: NDArray[np.uint8]
 
 
-class Channel(NamedTuple):
-    """The channel's parameters, with logarithms taken where a kernel wants them.
-
-    A pair is indexed by line of sight: 0 without, 1 with.
-    """
-
-    log_gain: float  # ln γ
-    half_exponent: tuple[float, float]  # α/2, for d² instead of d
-    fading: tuple[float, float]  # the standard deviation of ln 10^(η/10)
-    cell_size: float
-    altitude: float
-    steps: int
-
-
 class HarvestingMission(Mission):
     """DH for a batch of episodes."""
 
@@ -88,6 +77,7 @@ class HarvestingMission(Mission):
         self._sights = _sights_of(city)
         self._places = np.argwhere(~(city.building | city.landing)).astype(np.int32)
         most = parameters.devices[1]
+        self._served_last = np.full((num_envs, scenario.most_uavs), -1)  # by each UAV: a guess at whom it serves next
         self.devices = Devices(
             number=np.zeros(num_envs, dtype=np.int32),
             cell=np.zeros((num_envs, most, 2), dtype=np.int32),
@@ -99,8 +89,9 @@ class HarvestingMission(Mission):
         """Draw devices: their number, distinct cells outside buildings and landing zones, and their data."""
         low, high = self._parameters.data
         fewest, most = self._parameters.devices
-        _sample(state, self.devices, index, self._places, fewest, most, low, high)
-        _place(state, self.devices, index, self._city.building, self._sights)
+        d = self.devices
+        _sample(index, state.key, d.number, d.cell, d.data, self._places, fewest, most, low, high)
+        self._place(state, index)
 
     def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
         """Return the devices: ``device_count``, ``device_cell`` and ``device_data``, as in `Devices`."""
@@ -116,7 +107,12 @@ class HarvestingMission(Mission):
         self.devices.number[index] = columns["device_count"]
         self.devices.cell[index] = columns["device_cell"]
         self.devices.data[index] = columns["device_data"]
-        _place(state, self.devices, index, self._city.building, self._sights)
+        self._place(state, index)
+
+    def _place(self, state: State, index: NDArray[np.int64]) -> None:
+        """Make what follows from the devices of the slots ``index``."""
+        arrays = (state.target, state.spots, state.num_spots, state.total, state.remaining)
+        _place(index, *arrays, *self.devices, self._city.building, self._sights)
 
     def fits(self, columns: Columns) -> bool:
         """Say whether frozen columns can be of this scenario: devices where they may be, with data in its range."""
@@ -160,9 +156,9 @@ class HarvestingMission(Mission):
 
     def collect(self, state: State, uav: int) -> None:
         """Serve devices in every communication step of the last move, and add r_c per data unit to the rewards."""
-        _collect(
-            uav,
+        arrays: tuple[Any, ...] = (
             state.key,
+            uav,
             state.noise,
             state.previous,
             state.position,
@@ -170,13 +166,17 @@ class HarvestingMission(Mission):
             state.initial_budget,
             state.done,
             state.target,
-            state.row_targets,
             state.remaining,
             state.reward,
             *self.devices,
-            self._channel,
+            self._served_last,
             self._collect_reward,
         )
+        if self.threads > 1:
+            log_gain, exponents, fading, *others = self._channel
+            _collect_apart(self.threads, log_gain, *exponents, *fading, *others, *arrays)
+        else:
+            _collect(0, len(state.done), self._channel, *arrays)
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
         """Return ``device_cell`` (K, 2) and ``device_data`` (K,) left."""
@@ -199,40 +199,13 @@ class HarvestingMission(Mission):
         return np.where(self._city.building, 0.0, unseen / max(len(cells), 1)).astype(np.float32)
 
 
-def channel_of(parameters: Harvesting, shape: tuple[int, int]) -> Channel:
-    """Return the channel on a map of ``shape``.
-
-    γ = 10^(s/10) · (√2/2 · M · cell)^α_los with M the longer side: the signal-to-noise ratio is s at that distance in
-    line of sight. The exponent with line of sight normalises both.
-    """
-    exponent, variance = parameters.path_loss_exponent, parameters.fading_variance
-    edge = math.sqrt(2.0) / 2.0 * max(shape) * parameters.cell_size
-    return Channel(
-        log_gain=parameters.edge_snr * _NEPERS_PER_DB + exponent.los * math.log(edge),
-        half_exponent=(exponent.nlos / 2.0, exponent.los / 2.0),
-        fading=(math.sqrt(variance.nlos) * _NEPERS_PER_DB, math.sqrt(variance.los) * _NEPERS_PER_DB),
-        cell_size=parameters.cell_size,
-        altitude=parameters.altitude,
-        steps=parameters.communication_steps,
-    )
-
-
-@kernel
-def log_snr_of(channel: Channel, y: int, x: int, r: float, c: float, clear: int) -> float:
-    """Return ln SNR, without fading, of a UAV at (r, c) to a device in cell (y, x), in line of sight if ``clear`` is 1.
-
-    The logarithm, as it needs one logarithm where the ratio would need two powers.
-    """
-    down, right = (y - r) * channel.cell_size, (x - c) * channel.cell_size
-    square = down * down + right * right + channel.altitude * channel.altitude
-    return channel.log_gain - channel.half_exponent[clear] * math.log(square)
-
-
 @kernel
 def _sample(
-    state: State,
-    devices: Devices,
     index: NDArray[np.int64],
+    key: NDArray[np.uint64],
+    number: NDArray[np.int32],
+    cell: NDArray[np.int32],
+    data: NDArray[np.float64],
     places: NDArray[np.int32],
     fewest: int,
     most: int,
@@ -243,20 +216,19 @@ def _sample(
     cursor = np.empty(1, dtype=np.uint64)
     for n in range(len(index)):
         i = int(index[n])
-        cursor[0] = stream(state.key[i], CONTENT)
-        devices.cell[i] = 0
-        devices.data[i] = 0.0
-        count = fewest + next_integer(cursor, most - fewest + 1)
-        devices.number[i] = count
-        for k in range(count):
+        cursor[0] = stream(key[i], CONTENT)
+        cell[i] = 0
+        data[i] = 0.0
+        number[i] = fewest + next_integer(cursor, most - fewest + 1)
+        for k in range(number[i]):
             r, c, taken = 0, 0, True
             while taken:
                 r, c = places[next_integer(cursor, len(places))]
                 taken = False
                 for j in range(k):
-                    taken = taken or (devices.cell[i, j, 0] == r and devices.cell[i, j, 1] == c)
-            devices.cell[i, k, 0], devices.cell[i, k, 1] = r, c
-            devices.data[i, k] = next_uniform(cursor, low, high)
+                    taken = taken or (cell[i, j, 0] == r and cell[i, j, 1] == c)
+            cell[i, k, 0], cell[i, k, 1] = r, c
+            data[i, k] = next_uniform(cursor, low, high)
 
 
 @lru_cache(maxsize=32)
@@ -285,27 +257,43 @@ def _sight(sights: Sights, building: NDArray[np.bool_], r: int, c: int, seen: ND
 
 
 @kernel
-def _place(state: State, devices: Devices, index: NDArray[np.int64], building: NDArray[np.bool_], sights: Sights) -> None:
+def _place(
+    index: NDArray[np.int64],
+    target: NDArray[np.float32],
+    spots: NDArray[np.int32],
+    num_spots: NDArray[np.int32],
+    total: NDArray[np.float64],
+    remaining: NDArray[np.float64],
+    number: NDArray[np.int32],
+    cell: NDArray[np.int32],
+    data: NDArray[np.float64],
+    sight: NDArray[np.uint8],
+    building: NDArray[np.bool_],
+    sights: Sights,
+) -> None:
     """Make the target map, the lines of sight and the sums of the slots ``index`` from their devices."""
     seen = np.empty(building.shape, dtype=np.bool_)
-    for n in range(len(index)):
-        i = int(index[n])
-        state.target[i] = 0.0
-        state.row_targets[i] = 0
-        state.total[i] = 0.0
-        for k in range(devices.number[i]):
-            r, c = devices.cell[i, k]
-            state.target[i, r, c] = devices.data[i, k]
-            state.row_targets[i, r] += 1
-            state.total[i] += devices.data[i, k]
-            devices.sight[i, k] = _sight(sights, building, r, c, seen)
-        state.remaining[i] = state.total[i]
+    for i in index:
+        for j in range(num_spots[i]):
+            target[i, spots[i, j, 0], spots[i, j, 1]] = 0.0
+        spots[i] = cell[i]
+        num_spots[i] = number[i]
+        total[i] = 0.0
+        for k in range(number[i]):
+            r, c = cell[i, k]
+            target[i, r, c] = data[i, k]
+            total[i] += data[i, k]
+            sight[i, k] = _sight(sights, building, r, c, seen)
+        remaining[i] = total[i]
 
 
 @kernel
 def _collect(
-    uav: int,
+    first: int,
+    last: int,
+    channel: Channel,
     key: NDArray[np.uint64],
+    uav: int,
     noise: NDArray[np.bool_],
     previous: NDArray[np.int32],
     position: NDArray[np.int32],
@@ -313,56 +301,81 @@ def _collect(
     initial_budget: NDArray[np.int32],
     done: NDArray[np.bool_],
     target: NDArray[np.float32],
-    row_targets: NDArray[np.int32],
     remaining: NDArray[np.float64],
     reward: NDArray[np.float64],
     number: NDArray[np.int32],
     cell: NDArray[np.int32],
     data: NDArray[np.float64],
     sight: NDArray[np.uint8],
-    channel: Channel,
+    served_last: NDArray[np.int64],
     value: float,
 ) -> None:
-    """Serve, in each communication step of UAV ``uav`` of each slot, where it flies on, the device with the highest rate.
+    """Serve the device with the highest rate, in each communication step of UAV ``uav`` in the slots [``first``, ``last``).
 
-    Plain arrays, as in the simulator's ``_move``.
+    Only the best device is wanted. Bounds that cost neither a logarithm nor a quantile say which devices cannot be it, and the
+    one served last, looked at first, excludes most of the others. No bound is below what it bounds, and of equals the first
+    device is served, so the guess changes nothing but the time.
     """
-    for i in range(len(done)):
+    for i in range(first, last):
         if done[i, uav]:
             continue
         step = initial_budget[i, uav] - budget[i, uav]
         fading = stream(stream(key[i], NOISE), np.uint64(step))
         r0, c0 = previous[i, uav]
         r1, c1 = position[i, uav]
-        gain = 0.0
+        gain, count, noisy, best = 0.0, number[i], noise[i], served_last[i, uav]
         for k in range(1, channel.steps + 1):
             r, c = r0 + k / channel.steps * (r1 - r0), c0 + k / channel.steps * (c1 - c0)
             here = np.uint64(_round(r) * target.shape[2] + _round(c))
             byte, bit = here >> np.uint64(3), np.uint8(here & np.uint64(7))
-            best, log_snr = -1, -math.inf
-            for j in range(number[i]):
-                if data[i, j] <= 0.0:
+            guess, best, log_snr = best, -1, -math.inf
+            for place in range(-1, count):
+                j = place if place >= 0 else guess
+                if j < 0 or j >= count or (place >= 0 and j == guess) or data[i, j] <= 0.0:
                     continue
-                y, x = cell[i, j]
                 clear = int((sight[i, j, byte] >> bit) & 1)
-                level = log_snr_of(channel, y, x, r, c, clear)  # it orders devices as the rate does
-                if noise[i]:
-                    level += channel.fading[clear] * normal(fading, (uav << 32) + (k << 16) + j)
-                best = j if level > log_snr else best
-                log_snr = level if level > log_snr else log_snr
+                square = square_of(channel, cell[i, j, 0], cell[i, j, 1], r, c)
+                bits = element(fading, (uav << 32) + (k << 16) + j)
+                most = channel.fading[clear] * normal_above(bits) if noisy else 0.0
+                if channel.log_gain - channel.half_exponent[clear] * log_below(square) + most < log_snr:
+                    continue
+                level = channel.log_gain - channel.half_exponent[clear] * math.log(square)  # it orders devices as the rate does
+                if noisy:
+                    level += channel.fading[clear] * normal_of(bits)
+                if level > log_snr or (level == log_snr and j < best):
+                    best, log_snr = j, level
             if best >= 0:
                 served = min(math.log2(1.0 + math.exp(log_snr)), data[i, best])
                 data[i, best] -= served
                 gain += served
-                y, x = cell[i, best]
-                target[i, y, x] = data[i, best]
-                if data[i, best] == 0.0:
-                    row_targets[i, y] -= 1
+                target[i, cell[i, best, 0], cell[i, best, 1]] = data[i, best]
+        served_last[i, uav] = best
         left = 0.0
-        for j in range(number[i]):
+        for j in range(count):
             left += data[i, j]
         remaining[i] = left
         reward[i, uav] += value * gain
+
+
+@parallel_kernel
+def _collect_apart(
+    threads: int,
+    log_gain: float,
+    exponent: float,
+    exponent_los: float,
+    fading: float,
+    fading_los: float,
+    cell_size: float,
+    altitude: float,
+    steps: int,
+    key: NDArray[np.uint64],
+    *rest: Any,
+) -> None:
+    """Do the same in all slots with several threads. Numba hands them numbers and arrays, but no named tuple."""
+    for part in prange(threads):
+        channel = Channel(log_gain, (exponent, exponent_los), (fading, fading_los), cell_size, altitude, steps)
+        first, last = share(len(key), part, threads)
+        _collect(first, last, channel, key, *rest)
 
 
 @kernel

@@ -25,7 +25,7 @@ _EVEN = 0.5  # how likely a target is where nothing is known
 def places(scenario: Scenario) -> dict[bytes, Cell]:
     """Return the cell by the static layers of the global map, as bytes: on the paper's maps no two cells look alike."""
     cells = np.argwhere(~city_of(scenario).no_fly)
-    observer, state = Observer(scenario), new_state(len(cells), 1, scenario.shape)
+    observer, state = Observer(scenario), new_state(scenario, len(cells), 1)
     state.position[:, 0] = cells
     shown = observer.empty(len(cells))
     observer.write(state, np.arange(len(cells)), shown)

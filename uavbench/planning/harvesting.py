@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from uavbench.city import city_of
 from uavbench.kernel import kernel
 from uavbench.keyed import next_uniform
-from uavbench.missions.harvesting import Channel, channel_of, log_snr_of
+from uavbench.missions.channel import Channel, channel_of, log_snr_of
 from uavbench.parameters import Harvesting
 from uavbench.planning.changes import propose
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
