@@ -10,6 +10,7 @@ import typer
 
 from uavbench.commands import leaderboard, learning, pictures
 from uavbench.commands.shared import DecisionTimeout, ResultFolder, ScenarioFile, fail, flown, number
+from uavbench.commands.speed import speed
 from uavbench.interrupt import terminating_interrupts
 
 app = typer.Typer(
@@ -321,6 +322,9 @@ def freeze(
     typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")
 
 
+app.command(
+    epilog="\b\nExamples:\n  uavbench speed\n  uavbench speed --scenario Manhattan32-CPP-v0 --rounds 30 --json speed.json"
+)(speed)
 app.command(
     epilog="\b\nExamples:\n  uavbench train ddqn --scenario Manhattan32-CPP-v0\n"
     "  uavbench train ddqn --scenario Urban50-DH-v0 --config my_config.toml --seed 1 --resume\n"

@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # listing scenarios must not wait for a compiler
     from uavbench.metrics import Comparison, Interval
     from uavbench.reference import Gaps, Reference
     from uavbench.results import Result
+    from uavbench.speed import Speed
 
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 _LONGEST_HEAD = 20  # characters of an agent's name in a column's head
@@ -33,6 +34,21 @@ def scenario_table(scenarios: Iterable[Scenario]) -> Table:
         shape, budget = "{}×{}".format(*scenario.shape), "{}–{}".format(*scenario.budget)
         uavs = "{}–{}".format(*scenario.uavs) if scenario.uavs else "1"
         table.add_row(scenario.id, shape, scenario.mission.kind, uavs, budget, scenario.mission.targets)
+    return table
+
+
+def speed_table(speeds: "Iterable[Speed]") -> Table:
+    """Return the table of `uavbench speed`."""
+    table = Table(box=None, header_style="bold")
+    for column in ("task", "interface"):
+        table.add_column(column, no_wrap=True)
+    for column in ("envs", "threads", "steps/s", "µs/step", "bytes", "GB/s", "copying, µs", "copying/step"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for speed in speeds:
+        written = [f"{speed.bytes:,}", f"{speed.bytes / speed.microseconds / 1000:.2f}"] if speed.bytes else ["", ""]
+        copied = [f"{speed.copying:.2f}", f"{speed.copying / speed.microseconds:.2f}"] if speed.copying else ["", ""]
+        counted = [f"{speed.environments:,}", str(speed.threads), f"{speed.steps_per_second:,.0f}", f"{speed.microseconds:.2f}"]
+        table.add_row(speed.task, speed.interface, *counted, *written, *copied)
     return table
 
 

@@ -11,11 +11,19 @@ from uavbench.state import State
 
 def outcomes_of(state: State, index: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
     """Return the metrics of the slots ``index``, each of shape (K,): see `uavbench.simulator.Simulator.outcomes`."""
+    metrics = successes_of(state, index, np.zeros(len(index)))
+    del metrics["is_success"]
+    return metrics
+
+
+def successes_of(state: State, index: NDArray[np.int64], least: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+    """Return the metrics of the slots ``index``, and ``is_success`` (bool): landed, and CR at least ``least``, shape (K,)."""
     number = len(index)
-    landed, blocked = np.empty(number, dtype=np.bool_), np.empty(number, dtype=np.int64)
+    landed, success, blocked = np.empty(number, np.bool_), np.empty(number, np.bool_), np.empty(number, np.int64)
     cr, cral = np.empty(number), np.empty(number)
-    _write(index, state.landed, state.blocked, state.total, state.remaining, landed, cr, cral, blocked)
-    return {"landed": landed, "cr": cr, "cral": cral, "blocked": blocked}
+    read = (state.landed, state.blocked, state.total, state.remaining)
+    _write(index, least, *read, landed, cr, cral, blocked, success)
+    return {"landed": landed, "cr": cr, "cral": cral, "blocked": blocked, "is_success": success}
 
 
 def outcome_of(state: State, i: int) -> dict[str, bool | float | int]:
@@ -44,6 +52,7 @@ def _metrics(
 @kernel
 def _write(
     index: NDArray[np.int64],
+    least: NDArray[np.float64],
     each_landed: NDArray[np.bool_],
     each_blocked: NDArray[np.int32],
     total: NDArray[np.float64],
@@ -52,7 +61,9 @@ def _write(
     cr: NDArray[np.float64],
     cral: NDArray[np.float64],
     blocked: NDArray[np.int64],
+    success: NDArray[np.bool_],
 ) -> None:
     """Write the metrics of the slots ``index``."""
     for k in range(len(index)):
         landed[k], cr[k], cral[k], blocked[k] = _metrics(index[k], each_landed, each_blocked, total, remaining)
+        success[k] = landed[k] and cr[k] >= least[k]

@@ -44,6 +44,8 @@ class Simulator:
     ----------
     city : City
         The static world.
+    slots : ndarray of int64, shape (B,)
+        The numbers of all slots.
     state : State
         The state of all slots; `step` and the resets change it in place.
     mission : Mission
@@ -61,7 +63,7 @@ class Simulator:
         self.state: State = new_state(scenario, num_envs, scenario.most_uavs)
         self.mission: Mission = scenario.mission.make(scenario, self.city, num_envs)
         self.mission.threads = threads
-        self._all = np.arange(num_envs)
+        self.slots = np.arange(num_envs)
         self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
         self._fitting: set[str] = set()  # splits whose frozen episodes were found to be this scenario's
@@ -82,6 +84,7 @@ class Simulator:
             rewards.crash,
         )
         self._shape = (num_envs, scenario.most_uavs) if scenario.team else (num_envs,)
+        self._mask_shape = (num_envs, scenario.most_uavs, NUM_ACTIONS)
 
     def reset(self, index: ArrayLike, split: SplitName, numbers: ArrayLike) -> None:
         """Start the episodes ``numbers`` of ``split`` in the slots ``index``.
@@ -278,7 +281,7 @@ class Simulator:
             ``landed`` (bool: every UAV of the team), ``cr`` and ``cral`` (float64, in [0, 1]), ``blocked`` (int64: of all
             UAVs together).
         """
-        return outcomes_of(self.state, self._all if index is None else np.asarray(index, dtype=np.int64))
+        return outcomes_of(self.state, self.slots if index is None else np.asarray(index, dtype=np.int64))
 
     def outcome(self, i: int) -> dict[str, bool | float | int]:
         """Return the metrics of the episode in slot ``i`` as numbers of Python: those of `outcomes`."""
@@ -290,9 +293,9 @@ class Simulator:
         UAVs decide at once and move in order, so a cell held by a UAV that moves later is masked: the move is blocked. One
         held by a UAV that moves before is not: it may be free by then.
         """
-        mask = np.empty((*self.state.done.shape, NUM_ACTIONS), dtype=np.int8)
+        mask = np.empty(self._mask_shape, dtype=np.int8)
         write_masks(self.state.position, self.state.done, self.city.action_mask, mask)
-        return mask if self.scenario.team else mask[:, 0]
+        return mask.reshape(*self._shape, NUM_ACTIONS)
 
     def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
         """Return the episode in slot ``i`` as columns, with what ``options`` name in its place."""

@@ -45,6 +45,11 @@ def flown(folder: Path) -> "Result":
         raise ResultError(str(error)) from None
 
 
+def warn(line: str) -> None:
+    """Print one line of warning."""
+    print(f"uavbench: {line}", file=sys.stderr)  # noqa: T201
+
+
 def fail(error: BaseException | str, code: int = 2) -> typer.Exit:
     """Print what is wrong, and return the exit with ``code``; what a file says cannot steer the terminal."""
     lines = "\n".join([str(error), *getattr(error, "__notes__", ())])

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from uavbench.city import NUM_ACTIONS
 from uavbench.missions import Mission
 from uavbench.observation import Observer
+from uavbench.outcomes import successes_of
 from uavbench.scenario import SPLITS, Scenario, load_scenario
 from uavbench.simulator import Simulator
 from uavbench.slots import SimulatorState
@@ -92,7 +93,7 @@ def check_action(action: object, whose: str = "") -> int:
     return chosen
 
 
-def information(simulator: Simulator, success_cr: float | NDArray[np.float64]) -> dict[str, NDArray[Any]]:
+def information(simulator: Simulator, success_cr: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
     """Return what every info tells besides the mask: the episodes of all slots and their metrics so far, each of shape (B,).
 
     Returns
@@ -102,14 +103,8 @@ def information(simulator: Simulator, success_cr: float | NDArray[np.float64]) -
         ``cr``, ``cral`` (float64), ``blocked`` (int64), ``is_success`` (bool: landed, and CR at least ``success_cr``).
     """
     splits, numbers = simulator.episodes()
-    metrics = simulator.outcomes()
-    success = metrics["landed"] & (metrics["cr"] >= success_cr)
-    return {
-        "split": splits,
-        "episode_number": numbers,
-        **metrics,
-        "is_success": success,
-    }
+    metrics = successes_of(simulator.state, simulator.slots, success_cr)
+    return {"split": splits, "episode_number": numbers, **metrics}
 
 
 def information_alone(simulator: Simulator, success_cr: float) -> dict[str, Any]:

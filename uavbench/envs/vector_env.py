@@ -103,6 +103,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._pictures = Pictures(self.simulator, self.render_mode)
         self._generators: list[np.random.Generator | None] = [None] * num_envs
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
+        self._names: list[str] = []
+        self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
         self._ready = False
 
     @property
@@ -173,26 +175,28 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise RuntimeError("step() before a successful reset(): call reset() first")
         state = self.simulator.state
         done = state.done[:, 0]
-        before = done | (self._elapsed >= self._limit)  # whose episode has ended
+        before = done.copy() if self._limit == _NO_LIMIT else done | (self._elapsed >= self._limit)  # whose episode has ended
         waiting = before.nonzero()[0]
         if len(waiting) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise RuntimeError(f"step() after the end of the episodes in slots {waiting.tolist()}: reset them first")
         self.simulator.step(actions)
         self._elapsed += 1
         rewards, terminated = state.reward[:, 0].copy(), done > before
-        rewards[waiting] = 0.0
-        truncated = (self._elapsed >= self._limit) > before
+        if self._limit == _NO_LIMIT:
+            truncated = np.zeros(self.num_envs, dtype=np.bool_)
+        else:
+            rewards[waiting] = 0.0  # the simulator flies on where only the limit ended an episode
+            truncated = (self._elapsed >= self._limit) > before
         self._pictures.extend()
-        infos: dict[str, Any] = {}
-        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+        final: dict[str, Any] = {}
+        if self._same_step:
             over = (terminated | truncated).nonzero()[0]
             if len(over):
-                infos = self._final(over)
+                final = self._final(over)
                 self._restart(over)
         elif len(waiting):
             self._restart(waiting)
-        infos.update(self._info(self._all))
-        return self._observe(self._all), rewards, terminated, truncated, infos
+        return self._observe(self._all), rewards, terminated, truncated, {**final, **self._info(self._all)}
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Return, for every slot, its environment's attribute ``name``, or what this method returns, as ``SyncVectorEnv`` does.
@@ -326,14 +330,18 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def _info(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Return the batched information about the slots ``index``, with zeros in the places of the others."""
         known = {"action_mask": self.simulator.action_mask(), **information(self.simulator, self._success_cr)}
-        flags = np.zeros((len(known), self.num_envs), dtype=np.bool_)  # a row for each, which nobody else holds
-        flags[:, index] = True
-        infos: dict[str, Any] = {}
-        for row, (name, values) in zip(flags, known.items(), strict=True):
-            if len(index) < self.num_envs:
-                values[~row] = 0
-            infos[name], infos[f"_{name}"] = values, row
-        return infos
+        flags = np.full((len(known), self.num_envs), fill_value=True)  # a row for each, which nobody else holds
+        if len(index) < self.num_envs:
+            flags[:, ~self._flags(index)] = False
+            for values in known.values():
+                values[~flags[0]] = 0
+        return {**known, **dict(zip(self._flag_names(known), flags, strict=True))}
+
+    def _flag_names(self, known: dict[str, Any]) -> list[str]:
+        """Return the names under which Gymnasium tells in which slots each value means something; they never change."""
+        if not self._names:
+            self._names = [f"_{name}" for name in known]
+        return self._names
 
     def _flags(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
         flags = np.zeros(self.num_envs, dtype=np.bool_)
