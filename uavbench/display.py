@@ -1,6 +1,7 @@
 """What the commands print: tables and maps."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -37,19 +38,22 @@ def scenario_table(scenarios: Iterable[Scenario]) -> Table:
     return table
 
 
-def speed_table(speeds: "Iterable[Speed]") -> Table:
-    """Return the table of `uavbench speed`."""
-    table = Table(box=None, header_style="bold")
-    for column in ("task", "interface"):
-        table.add_column(column, no_wrap=True)
-    for column in ("envs", "threads", "steps/s", "µs/step", "bytes", "GB/s", "copying, µs", "copying/step"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for speed in speeds:
-        written = [f"{speed.bytes:,}", f"{speed.bytes / speed.microseconds / 1000:.2f}"] if speed.bytes else ["", ""]
-        copied = [f"{speed.copying:.2f}", f"{speed.copying / speed.microseconds:.2f}"] if speed.copying else ["", ""]
-        counted = [f"{speed.environments:,}", str(speed.threads), f"{speed.steps_per_second:,.0f}", f"{speed.microseconds:.2f}"]
-        table.add_row(speed.task, speed.interface, *counted, *written, *copied)
-    return table
+def speed_tables(speeds: "Iterable[Speed]") -> Iterator[Table]:
+    """Return the tables of `uavbench speed`, one for each task; they fit in 80 columns."""
+    for task, rows in groupby(speeds, key=lambda speed: speed.task):
+        table = Table(
+            title=escape(task), title_justify="left", title_style="bold", box=None, header_style="dim", padding=(0, 1)
+        )
+        table.add_column("interface", min_width=13, no_wrap=True)
+        for column, width in (("envs", 5), ("threads", 7), ("steps/s", 10), ("µs/step", 7), ("bytes", 6), ("GB/s", 5)):
+            table.add_column(column, justify="right", min_width=width, no_wrap=True)
+        table.add_column("copy/step", justify="right", no_wrap=True)
+        for speed in rows:
+            counted = [f"{speed.environments:,}", str(speed.threads), f"{speed.steps_per_second:,.0f}"]
+            written = [f"{speed.bytes:,}", f"{speed.bytes / speed.microseconds / 1000:.2f}"] if speed.bytes else ["", ""]
+            copied = f"{speed.copying / speed.microseconds:.2f}" if speed.copying else ""
+            table.add_row(speed.interface, *counted, f"{speed.microseconds:.2f}", *written, copied)
+        yield table
 
 
 def scenario_text(scenario: Scenario) -> Text:

@@ -69,26 +69,17 @@ class Speed:
         return 1e6 / self.microseconds
 
 
-def measure(
-    scenarios: Sequence[Scenario],
-    rounds: int,
-    *,
-    peers: bool = True,
-    on_round: Callable[[object], None] = lambda _: None,
-    on_failure: Callable[[str], None] = lambda _: None,
-) -> list[Speed]:
-    """Measure the environments of scenarios, and the peers that are installed.
+def prepare(
+    scenarios: Sequence[Scenario], *, peers: bool = True, on_failure: Callable[[str], None] = lambda _: None
+) -> "list[Measurement]":
+    """Make what is to be measured: the environments of scenarios, and the peers that are installed.
 
     Parameters
     ----------
     scenarios : sequence of Scenario
         For one UAV.
-    rounds : int
-        How often each is measured; the best round counts.
     peers : bool
         Whether other suites are measured too, where they are installed.
-    on_round : callable, optional
-        Is called after each round.
     on_failure : callable, optional
         Is called with one line about a peer that is installed, but cannot be measured.
 
@@ -101,7 +92,13 @@ def measure(
         if scenario.team:
             raise SpeedError(f"{scenario.id} is for a team: benchmarks/throughput.py measures teams")
     everything = [each for scenario in scenarios for each in _of(scenario)]
-    everything += [_Peer(peer) for peer in installed_peers(on_failure)] if peers else []
+    return everything + ([_Peer(peer) for peer in installed_peers(on_failure)] if peers else [])
+
+
+def measure(
+    everything: "Sequence[Measurement]", rounds: int, on_round: Callable[[object], None] = lambda _: None
+) -> list[Speed]:
+    """Measure everything so many times in turn, call ``on_round`` after each, and return the best of each."""
     for _ in range(rounds):
         for each in everything:
             each.measure()
@@ -140,7 +137,7 @@ def _processor() -> str:
     return platform.processor() or platform.machine()
 
 
-def _of(scenario: Scenario) -> "Iterator[_Measurement]":
+def _of(scenario: Scenario) -> "Iterator[Measurement]":
     """Return what is measured of a scenario."""
     yield _Env(scenario)
     threads = sorted({1, cores()})
@@ -150,7 +147,7 @@ def _of(scenario: Scenario) -> "Iterator[_Measurement]":
             yield _Bare(scenario, environments, each)
 
 
-class _Measurement(ABC):
+class Measurement(ABC):
     """Something that steps, and the best of its rounds in seconds per step and environment."""
 
     environments = 1
@@ -179,7 +176,7 @@ class _Measurement(ABC):
         """Return the best round."""
 
 
-class _Env(_Measurement):
+class _Env(Measurement):
     """One environment; resets are not measured."""
 
     def __init__(self, scenario: Scenario) -> None:
@@ -200,7 +197,7 @@ class _Env(_Measurement):
         return Speed(self.env.scenario.id, "Env", 1, 1, 1e6 * self.stepping, size)
 
 
-class _Vector(_Measurement):
+class _Vector(Measurement):
     """A vector environment, and copies of its observations."""
 
     def __init__(self, scenario: Scenario, environments: int, threads: int) -> None:
@@ -228,7 +225,7 @@ class _Vector(_Measurement):
         return Speed(name, "VectorEnv", self.environments, self.threads, 1e6 * self.stepping, size, 1e6 * self.copying)
 
 
-class _Bare(_Measurement):
+class _Bare(Measurement):
     """A simulator without observations; episodes that end are followed by the next."""
 
     def __init__(self, scenario: Scenario, environments: int, threads: int) -> None:
@@ -251,7 +248,7 @@ class _Bare(_Measurement):
         return Speed(self.simulator.scenario.id, "Simulator", self.environments, self.simulator.threads, 1e6 * self.stepping)
 
 
-class _Peer(_Measurement):
+class _Peer(Measurement):
     """Another suite's environments."""
 
     def __init__(self, peer: Any) -> None:

@@ -25,19 +25,21 @@ def speed(
     from rich.console import Console
 
     from uavbench import UavbenchError, load_scenario
-    from uavbench.display import speed_table
+    from uavbench.display import speed_tables
     from uavbench.files import write_whole
     from uavbench.progress import working
-    from uavbench.speed import SCENARIOS, machine, measure, report
+    from uavbench.speed import SCENARIOS, machine, measure, prepare, report
 
     console = Console()
     try:
-        scenarios = [load_scenario(name) for name in scenario or SCENARIOS]
+        everything = prepare([load_scenario(name) for name in scenario or SCENARIOS], peers=peers, on_failure=warn)
         with working(console, "rounds", rounds) as advance:
-            speeds = measure(scenarios, rounds, peers=peers, on_round=advance, on_failure=warn)
+            speeds = measure(everything, rounds, advance)
     except UavbenchError as error:
         raise fail(error) from None
-    console.print(speed_table(speeds))
+    for table in speed_tables(speeds):
+        console.print(table, "")
+    console.print("copy/step: the time to copy the same observations, as a part of the step's", style="dim", highlight=False)
     console.print("{processor}, {cores} cores, {system}".format(**machine()), highlight=False, markup=False)
     if out is not None:
         try:
