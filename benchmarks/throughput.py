@@ -1,27 +1,23 @@
-"""How fast is the simulator? Steps per second on one thread, beside what copying the same bytes takes in the same run.
+"""Is the suite as fast as it was? Batches, single environments and teams, on one thread, in this checkout and in another.
 
-Usage: python benchmarks/throughput.py [--rounds 40]. Prints Markdown. Rounds of stepping and copying alternate, and the best
-of each counts, so that a busy machine disturbs both alike.
+Usage: python benchmarks/throughput.py [--against FOLDER] [--rounds 40]. Prints Markdown. Each checkout is measured in a process of
+its own; their rounds alternate, and the best of each counts, so that a busy machine disturbs both alike. The observations are also
+copied, in the same rounds. (`uavbench speed` measures one installation, in more ways.)
 """
 
 import argparse
+import json
 import os
-import platform
 import subprocess
 import sys
 import time
-
-import gymnasium as gym
-import numpy as np
-
-import uavbench
-from uavbench.observation import Observer
-from uavbench.simulator import Simulator
+from pathlib import Path
 
 NAMES = ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0")
-TEAMS = ("Manhattan32-CPP-Team-v0", "Urban50-CPP-Team-v0", "Manhattan32-DH-Team-v0", "Urban50-DH-Team-v0")
 NUM_ENVS = 256
+LARGE = 1024
 STEPS = 60
+HERE = Path(__file__).resolve().parents[1]
 
 
 def seconds(function):
@@ -32,45 +28,44 @@ def seconds(function):
 
 
 class Batch:
-    """256 environments of one scenario under random actions from 0 to ``most``."""
+    """Environments of one scenario under random actions from 0 to ``most``."""
 
-    def __init__(self, name, most):
-        self.envs = gym.make_vec(f"uavbench/{name}", NUM_ENVS, vectorization_mode="vector_entry_point")
+    def __init__(self, name, most, number):
+        import gymnasium as gym
+        import numpy as np
+
+        self.copyto = np.copyto
+        self.envs = gym.make_vec(f"uavbench/{name}", number, vectorization_mode="vector_entry_point")
         self.observations, _ = self.envs.reset(seed=0)
-        self.actions = np.random.default_rng(0).integers(0, most + 1, (STEPS, NUM_ENVS))
+        self.actions = np.random.default_rng(0).integers(0, most + 1, (max(4, STEPS * NUM_ENVS // number), number))
         self.copies = {part: np.empty_like(values) for part, values in self.observations.items()}
-        self.stepping, self.copying, self.ended, self.rounds = np.inf, np.inf, 0, 0
+        self.best, self.copying = np.inf, np.inf
 
     def measure(self):
         """Step and copy once, and keep the best."""
-        self.stepping = min(self.stepping, seconds(self._step) / STEPS / NUM_ENVS)
-        self.copying = min(self.copying, seconds(self._copy) / STEPS / NUM_ENVS)
-        self.rounds += 1
+        self.best = min(self.best, seconds(self._step) / self.actions.size)
+        self.copying = min(self.copying, seconds(self._copy) / self.actions.size)
 
     def _step(self):
         for row in self.actions:
-            self.ended += int(self.envs.step(row)[2].sum())
+            self.envs.step(row)
 
     def _copy(self):
-        for _ in range(STEPS):
+        for _ in self.actions:
             for part, values in self.observations.items():
-                np.copyto(self.copies[part], values)
-
-    def row(self, what):
-        """Return the cells of the table."""
-        ended = 1000 * self.ended / self.rounds / STEPS / NUM_ENVS
-        return (
-            f"{what} | {1 / self.stepping:,.0f} | {1e6 * self.stepping:.2f} | {1e6 * self.copying:.2f} | "
-            f"{self.stepping / self.copying:.1f} | {ended:.0f}"
-        )
+                self.copyto(self.copies[part], values)
 
 
 class Single:
     """One environment; resets are not counted."""
 
+    copying = None
+
     def __init__(self, name):
+        import gymnasium as gym
+
         self.env = gym.make(f"uavbench/{name}").unwrapped
-        self.best = np.inf
+        self.best = float("inf")
 
     def measure(self):
         """Step and keep the best."""
@@ -80,69 +75,124 @@ class Single:
 
 
 class Teams:
-    """256 teams of ``uavs`` in one simulator, and one team in its environment, under random actions but ``land``."""
+    """256 teams of ``uavs`` in one simulator, under random actions but ``land``: observations, masks and resets included."""
+
+    copying = None
 
     def __init__(self, name, uavs):
-        self.scenario = uavbench.load_scenario(name).with_uavs(uavs)
-        self.simulator, self.observer = Simulator(self.scenario, NUM_ENVS), Observer(self.scenario)
+        import numpy as np
+
+        import uavbench
+        from uavbench.observation import Observer
+        from uavbench.simulator import Simulator
+
+        self.np = np
+        scenario = uavbench.load_scenario(name).with_uavs(uavs)
+        self.simulator, self.observer = Simulator(scenario, NUM_ENVS), Observer(scenario)
         self.simulator.reset(np.arange(NUM_ENVS), "train", np.arange(NUM_ENVS))
         self.actions = np.random.default_rng(0).integers(0, 5, (STEPS, NUM_ENVS, uavs))
-        self.env = uavbench.parallel_env(self.scenario)
-        self.next, self.batch, self.single = NUM_ENVS, np.inf, np.inf
+        self.next, self.best = NUM_ENVS, np.inf
 
     def measure(self):
-        """Step both and keep the best."""
-        self.batch = min(self.batch, seconds(self._step) / STEPS / NUM_ENVS)
-        self.env.reset(seed=0, options={"budget": self.scenario.budget[1]})
-        actions = [dict.fromkeys(self.env.agents, k % 5) for k in range(100)]
-        self.single = min(self.single, seconds(lambda: [self.env.step(each) for each in actions]) / 100)
+        """Step and keep the best."""
+        self.best = min(self.best, seconds(self._step) / STEPS / NUM_ENVS)
 
     def _step(self):
-        everyone = np.arange(self.actions[0].size)
+        everyone = self.np.arange(self.actions[0].size)
         for row in self.actions:
             self.simulator.step(row)
-            over = np.flatnonzero(self.simulator.state.done.all(axis=1))
+            over = self.np.flatnonzero(self.simulator.state.done.all(axis=1))
             if len(over):
-                self.simulator.reset(over, "train", np.arange(self.next, self.next + len(over)))
+                self.simulator.reset(over, "train", self.np.arange(self.next, self.next + len(over)))
                 self.next += len(over)
             self.simulator.action_mask()
             self.observer.write(self.simulator.state, everyone, self.observer.empty(len(everyone)))
 
 
-def process(*words):
-    """Return the best wall time of a new Python process."""
-    return min(seconds(lambda: subprocess.run([sys.executable, *words], check=True, capture_output=True)) for _ in range(7))
+class Team:
+    """One team in its environment."""
+
+    copying = None
+
+    def __init__(self, name, uavs):
+        import uavbench
+
+        scenario = uavbench.load_scenario(name).with_uavs(uavs)
+        self.env, self.longest, self.best = uavbench.parallel_env(scenario), scenario.budget[1], float("inf")
+
+    def measure(self):
+        """Step and keep the best."""
+        self.env.reset(seed=0, options={"budget": self.longest})
+        actions = [dict.fromkeys(self.env.agents, k % 5) for k in range(100)]
+        self.best = min(self.best, seconds(lambda: [self.env.step(each) for each in actions]) / 100)
+
+
+def everything():
+    """Return what is measured, by what the table calls it."""
+    measured = {}
+    for name in NAMES:
+        measured[f"{name}, 256, all but land"] = Batch(name, 4, NUM_ENVS)
+        measured[f"{name}, 256, all actions"] = Batch(name, 5, NUM_ENVS)
+        measured[f"{name}, 1,024, all but land"] = Batch(name, 4, LARGE)
+        measured[f"{name}, vector of 1"] = Batch(name, 4, 1)
+        measured[f"{name}, Env"] = Single(name)
+        team = name.replace("-v0", "-Team-v0")
+        for uavs in (1, 3):
+            measured[f"{team}, 256 teams of {uavs}"] = Teams(team, uavs)
+            measured[f"{team}, ParallelEnv of {uavs}"] = Team(team, uavs)
+    return measured
+
+
+def serve():
+    """Measure a round for each line that comes in, and answer with the best so far."""
+    measured = everything()
+    print("ready", flush=True)
+    for _ in sys.stdin:
+        for each in measured.values():
+            each.measure()
+        print(json.dumps({name: [each.best, each.copying] for name, each in measured.items()}), flush=True)
+
+
+def started(folder):
+    """Start a process that measures the checkout in a folder."""
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
+    command = [sys.executable, str(Path(__file__).resolve()), "--serve"]
+    return subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, cwd=str(folder)
+    )
 
 
 def main():
-    """Measure, and print tables."""
+    """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--rounds", type=int, default=40, help="rounds, of which the best counts (default: 40)")
-    rounds = parser.parse_args().rounds
-    print(f"uavbench {uavbench.__version__}, {platform.processor() or platform.machine()}, {os.cpu_count()} cores, ", end="")
-    print(f"Python {platform.python_version()}, one thread, {NUM_ENVS} environments, observations and resets included\n")
-    print(
-        "| scenario | actions | steps/s | µs/step | copying its bytes, µs | ratio | resets per 1,000 steps | `Env.step`, µs |"
-    )
-    print("| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: |")
-    batches = {(name, most): Batch(name, most) for name in NAMES for most in (4, 5)}
-    singles = {name: Single(name) for name in NAMES}
-    teams = {(name, uavs): Teams(name, uavs) for name in TEAMS for uavs in (1, 3)}
-    for _ in range(rounds):
-        for measured in (*batches.values(), *singles.values(), *teams.values()):
-            measured.measure()
-    for (name, most), batch in batches.items():
-        print(f"| {name} | {batch.row('all' if most == 5 else 'all but land')} | {1e6 * singles[name].best:.1f} |")
-    print("\n| scenario | 256 teams: one UAV, µs/step | three | ratio | `ParallelEnv.step`: one, µs | three | ratio |")
-    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
-    for name in TEAMS:
-        one, three = teams[name, 1], teams[name, 3]
-        print(
-            f"| {name} | {1e6 * one.batch:.2f} | {1e6 * three.batch:.2f} | {three.batch / one.batch:.2f} | "
-            f"{1e6 * one.single:.1f} | {1e6 * three.single:.1f} | {three.single / one.single:.2f} |"
-        )
-    print(f"\n`import uavbench` {process('-c', 'import uavbench'):.2f} s, ", end="")
-    print(f"`uavbench --help` {process('-c', 'from uavbench.cli import app; app()', '--help'):.2f} s")
+    parser.add_argument("--against", type=Path, help="the folder of another checkout, to be measured in the same rounds")
+    parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
+    wanted = parser.parse_args()
+    if wanted.serve:
+        return serve()
+    folders = [HERE] if wanted.against is None else [HERE, wanted.against.resolve()]
+    processes = [started(folder) for folder in folders]
+    for process in processes:
+        process.stdout.readline()
+    for _ in range(wanted.rounds):
+        tables = []
+        for process in processes:
+            process.stdin.write("\n")
+            process.stdin.flush()
+            tables.append(json.loads(process.stdout.readline()))
+    for process in processes:
+        process.stdin.close()
+        process.wait()
+    names = ["here", "there"][: len(folders)]
+    print(f"| what | {' | '.join(f'{name}, µs/step' for name in names)} | copying, µs | copying/step | there/here |")
+    print(f"| --- |{' ---: |' * (len(names) + 3)}")
+    for what, (best, _) in tables[0].items():
+        copies = [table[what][1] for table in tables]
+        copied = f"{1e6 * min(copies):.2f} | {min(copies) / best:.2f}" if copies[0] else " | "
+        ratio = f"{tables[1][what][0] / best:.2f}" if len(tables) > 1 else ""
+        print(f"| {what} | {' | '.join(f'{1e6 * table[what][0]:.2f}' for table in tables)} | {copied} | {ratio} |")
+    return None
 
 
 if __name__ == "__main__":

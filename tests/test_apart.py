@@ -154,6 +154,7 @@ def test_fresh_episodes_are_others_and_look_like_those_of_the_split(tmp_path):
     assert len({str(each) for each in flown.values()}) == 3
 
 
+@pytest.mark.slow
 def test_the_numbers_of_a_fresh_flight_do_not_depend_on_workers():
     source, scenario = find_agent("random"), load_scenario("Block8-DH-v0")
     job = Job(ApartSource.of(source, 60.0), scenario, "test", fresh=5)

@@ -196,6 +196,7 @@ def test_two_evaluations_at_once_keep_their_own_limits():
         next(hanging)
 
 
+@pytest.mark.slow
 def test_compiling_is_not_the_agents_time():
     records = list(evaluate(job("Compiles", decision_timeout=0.5), range(3), workers=1))
     assert sum(record.seconds for record in records) < 0.5
@@ -221,6 +222,7 @@ def test_an_episode_that_is_not_there_is_refused(number):
         list(evaluate(job("One"), [number]))
 
 
+@pytest.mark.slow
 def test_greedy_beats_random_by_a_wide_margin_and_always_lands():
     teams = [name for name in uavbench.scenario_ids() if "Team" in name]
     for scenario in ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0", *teams):

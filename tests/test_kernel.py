@@ -121,6 +121,7 @@ def test_a_full_disk_leaves_code_uncached(package):
     assert (printed, len(said), "not cached" in said[0]) == ("42 0", 1, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["nbi", "nbc"])
 @pytest.mark.parametrize("damage", [lambda c: b"", lambda c: c[: len(c) // 2], lambda c: c[:-40] + b"\0" + c[-39:]])
 def test_a_damaged_cache_is_compiled_again(package, ending, damage):

@@ -249,6 +249,7 @@ def test_a_group_that_is_none_is_refused(seeds, group, message):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_results_of_different_lengths_are_compared_on_what_all_have(pictured, tmp_path):
     greedy, random = pictured["greedy", "Block8-DH-v0"], pictured["random", "Block8-DH-v0"]
     short = run(Job(find_agent("random"), load_scenario("Block8-DH-v0"), "test"), 20, tmp_path / "short")

@@ -128,6 +128,7 @@ def test_replay_finds_actions_of_uavs_that_do_not_fly(tmp_path):
     assert len(replay(load_result(result.folder))) == 6
 
 
+@pytest.mark.slow
 def test_teams_are_compared_and_resumed(tmp_path):
     team = "Manhattan32-DH-Team-v0"
     first = run(job("greedy", team), N, tmp_path)

@@ -155,6 +155,21 @@ def test_a_checkpoint_of_an_earlier_version_is_refused_by_saying_so(scenario, na
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("scenario", [CPP, DH])
+def test_a_checkpoint_of_before_the_state_kept_counts_is_refused_by_saying_so(scenario, tmp_path):
+    """It held the number of targets in each row instead."""
+    train(training(scenario=scenario), tmp_path)
+    checkpoint = training(scenario=scenario).files(tmp_path)[1]
+    arrays, record = load_weights(checkpoint)
+    kept = {f"simulator.{name}" for name in ("counts", "spots", "num_spots")}
+    old = {name: array for name, array in arrays.items() if name not in kept}
+    assert len(old) == len(arrays) - 3
+    save_weights(checkpoint, {**old, "simulator.row_targets": np.zeros((8, 8), dtype=np.int32)}, record)
+    with pytest.raises(WeightsError, match=r"or of another version: .*its counts does not fit") as error:
+        train(training(scenario=scenario), tmp_path, resume=True)
+    assert "\n" not in str(error.value)
+
+
 def test_weights_of_a_learner_of_ones_own_fly_with_its_code(tmp_path):
     mine = tmp_path / "ddqn.py"  # called as a built-in
     mine.write_text(SOURCE.path.read_text(encoding="utf-8").replace(".argmax(dim=1).numpy()", ".argmax(dim=1).numpy() * 0 + 5"))
@@ -215,6 +230,7 @@ def test_weights_of_ones_own_scenario_fly_where_they_fit(tmp_path):
         train(replace(training(scenario=elsewhere), start=kept), tmp_path / "second")
 
 
+@pytest.mark.slow
 def test_shipped_weights_fly_another_map_on_purpose_only_and_the_result_says_so(tmp_path):
     shipped = load_scenario("Manhattan32-CPP-v0")
     text = shipped.path.read_text(encoding="utf-8").split("[splits")[0].replace(shipped.id, "Mine-CPP-v0")

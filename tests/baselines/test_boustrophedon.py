@@ -36,6 +36,7 @@ def part(name):
     return find_agent("boustrophedon").load().act.__globals__[name]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENARIOS + LONG)
 def test_it_always_lands_and_beats_random_by_a_wide_margin(name):
     numbers = range(5 if name in LONG else 30)

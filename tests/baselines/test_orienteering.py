@@ -46,6 +46,7 @@ def mask(rows, *cells):
     return targets
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "episodes"),
     [("Manhattan32-CPP-v0", 30), ("Urban50-CPP-v0", 4), ("Manhattan32-DH-v0", 30), ("Urban50-DH-v0", 10)],

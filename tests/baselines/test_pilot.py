@@ -25,6 +25,7 @@ def fly(name, agent, numbers):
     return list(evaluate(Job(find_agent(agent), load_scenario(name), "validation"), numbers))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_lands_and_beats_greedy_which_sees_everything(name):
     records = fly(name, "pilot", range(2))

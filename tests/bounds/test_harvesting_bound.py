@@ -79,6 +79,7 @@ def episodes(draw):
     return scenario(rows, mission), draw_start(data, rows), draw(st.integers(1, 6)), draw_devices(data, rows)
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(episodes(), st.integers(0, 99))
 def test_is_never_below_the_optimum_whatever_the_worths(episode, seed):

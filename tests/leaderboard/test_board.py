@@ -201,6 +201,7 @@ def test_workers_find_the_same(submissions):
     assert one[1] == two[1]
 
 
+@pytest.mark.slow
 def test_a_submission_that_kills_the_process_that_reads_it_is_refused_and_no_other(submissions, tmp_path, monkeypatch):
     deadly = "random/Block8-CPP-v0/episodes.csv"
     hook = f"lambda event, args: event == 'open' and str(args[0]).endswith({deadly!r}) and os._exit(3)"

@@ -32,6 +32,7 @@ class Agent:
 """
 
 
+@pytest.mark.slow
 def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions):
     folder = submissions / "random"
     assert uavbench("leaderboard", "rerun", folder, "--agent", "random", "--fresh", 0).exit_code == 0
@@ -41,6 +42,7 @@ def test_an_agent_that_takes_the_same_actions_again_raises_the_tier(submissions)
     assert tiers["Block8-CPP-v0", "greedy"] == "replayed"
 
 
+@pytest.mark.slow
 def test_a_part_that_was_run_again_is_counted_but_is_no_rerun(submissions):
     assert (
         uavbench("leaderboard", "rerun", submissions / "random", "--agent", "random", "--episodes", 7, "--fresh", 0).exit_code
@@ -72,6 +74,7 @@ def test_an_agent_other_than_the_manifest_says_is_no_rerun(submissions, field, o
     assert not (submissions.parent / "reruns.csv").exists()
 
 
+@pytest.mark.slow
 def test_an_agent_is_run_again_with_the_weights_it_flew_with(tmp_path):
     (tmp_path / "mine.py").write_text(OF_WEIGHTS, encoding="utf-8")
     for name, action in (("weights", 2), ("others", 3)):

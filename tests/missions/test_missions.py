@@ -80,6 +80,7 @@ def test_two_workers_fly_what_one_does(patrol):
     ]
 
 
+@pytest.mark.slow
 def test_it_is_trained_and_what_was_trained_flies(patrol):
     import learning  # which skips the test without PyTorch
 
