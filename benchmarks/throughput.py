@@ -1,8 +1,8 @@
 """Is the suite as fast as it was? Batches, single environments and teams, on one thread, in this checkout and in another.
 
-Usage: python benchmarks/throughput.py [--against FOLDER] [--rounds 40]. Prints Markdown. Each checkout is measured in a process of
-its own; their rounds alternate, and the best of each counts, so that a busy machine disturbs both alike. The observations are also
-copied, in the same rounds. (`uavbench speed` measures one installation, in more ways.)
+Usage: python benchmarks/throughput.py [--against FOLDER] [--rounds 40]. Prints Markdown. Each checkout is measured in a process
+of its own; their rounds alternate, and the best of each counts, so that a busy machine disturbs both alike. The observations
+are also copied, in the same rounds. (`uavbench speed` measures one installation, in more ways.)
 """
 
 import argparse
@@ -145,6 +145,10 @@ def everything():
 
 def serve():
     """Measure a round for each line that comes in, and answer with the best so far."""
+    import uavbench  # registers the environments
+
+    if Path(uavbench.__file__).parents[1] != Path.cwd():
+        raise SystemExit(f"{uavbench.__file__} is not of {Path.cwd()}")
     measured = everything()
     print("ready", flush=True)
     for _ in sys.stdin:
@@ -157,9 +161,7 @@ def started(folder):
     """Start a process that measures the checkout in a folder."""
     environment = {**os.environ, "PYTHONPATH": str(folder)}
     command = [sys.executable, str(Path(__file__).resolve()), "--serve"]
-    return subprocess.Popen(
-        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, cwd=str(folder)
-    )
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment, cwd=str(folder))
 
 
 def main():
