@@ -60,9 +60,21 @@ def test_teams_and_files_that_cannot_be_written_are_refused_in_a_line(tmp_path, 
     refused = uavbench_command("speed", "--scenario", "Manhattan32-DH-Team-v0")
     assert (refused.exit_code, refused.output.count("\n")) == (2, 1)
     monkeypatch.setattr("uavbench.speed.BATCHES", ())
-    lost = uavbench_command("speed", "--scenario", "Block8-CPP-v0", "--rounds", 1, "--no-peers", "--json", tmp_path)
-    assert lost.exit_code == 2
-    assert f"--json: cannot write {tmp_path}" in lost.output
+    (tmp_path / "file").touch()
+    for path in (tmp_path, tmp_path / "file" / "speed.json"):
+        lost = uavbench_command("speed", "--scenario", "Block8-CPP-v0", "--rounds", 1, "--no-peers", "--json", path)
+        assert (lost.exit_code, lost.output.count("\n")) == (2, 1)  # before anything is measured
+        assert "--json: cannot write" in lost.output
+
+
+@pytest.mark.parametrize("budget", [1, 2, 20_000])
+def test_an_episode_of_any_length_is_measured_by_the_steps_that_are_taken(budget, monkeypatch):
+    monkeypatch.setattr("uavbench.speed.BATCHES", ())
+    (env,) = prepare([load_scenario("Block8-CPP-v0").model_copy(update={"budget": (budget, budget)})], peers=False)
+    counted, step = [], env.env.step
+    monkeypatch.setattr(env.env, "step", lambda action: counted.append(step(action)))
+    env.measure()
+    assert len(counted) == env.steps == max(1, min(8192, budget - 1))
 
 
 def test_peers_that_are_installed_are_measured_and_those_that_fail_are_named(monkeypatch):

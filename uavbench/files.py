@@ -230,6 +230,13 @@ def check_writable(folder: Path) -> None:
         raise
 
 
+def check_file_writable(path: Path) -> None:
+    """Make the folder of a file if need be, and raise the OSError that writing the file would, before the work is done."""
+    check_writable(path.absolute().parent)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+
+
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that it is there as a whole, or as it was before, whatever happens meanwhile."""
     write_together({path: content})

@@ -183,7 +183,7 @@ class _Env(Measurement):
         super().__init__()
         self.env = UAVEnv(scenario)
         self.longest = scenario.budget[1]
-        self.steps = self.longest - 1
+        self.steps = max(1, min(self.steps, self.longest - 1))  # of one episode
 
     def prepare(self) -> None:
         self.env.reset(seed=0, options={"budget": self.longest})

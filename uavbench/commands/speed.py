@@ -26,17 +26,21 @@ def speed(
 
     from uavbench import UavbenchError, load_scenario
     from uavbench.display import speed_tables
-    from uavbench.files import write_whole
+    from uavbench.files import check_file_writable, write_whole
     from uavbench.progress import working
     from uavbench.speed import SCENARIOS, machine, measure, prepare, report
 
     console = Console()
     try:
+        if out is not None:  # before the work is done
+            check_file_writable(out)
         everything = prepare([load_scenario(name) for name in scenario or SCENARIOS], peers=peers, on_failure=warn)
         with working(console, "rounds", rounds) as advance:
             speeds = measure(everything, rounds, advance)
     except UavbenchError as error:
         raise fail(error) from None
+    except OSError as error:
+        raise fail(f"--json: cannot write {error.filename or out}: {error.strerror}") from None
     for table in speed_tables(speeds):
         console.print(table, "")
     console.print("copy/step: the time to copy the same observations, as a part of the step's", style="dim", highlight=False)
