@@ -16,9 +16,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from uavbench.city import EAST, HOVER, LAND, NORTH, SOUTH, WEST, city_of
-from uavbench.kernel import kernel
-from uavbench.missions.coverage import camera_views
+from uavbench.simulation.missions.coverage import camera_views
+from uavbench.world.city import EAST, HOVER, LAND, NORTH, SOUTH, WEST, city_of
+from uavbench.world.kernel import kernel
 
 
 class Agent:
@@ -39,7 +39,7 @@ class Agent:
         self._city = city = city_of(scenario)
         self._size = scenario.mission.camera_size
         self._views = _view_sets(camera_views(scenario), self._size)
-        self._home = city.home.reshape(-1)
+        self._home = city.distance_to_landing.reshape(-1)
         columns = city.shape[1]
         self._moves = lru_cache(maxsize=4096)(lambda cell: city.distances(divmod(cell, columns)).reshape(-1))
         self._offsets = {HOVER: 0, EAST: 1, WEST: -1, SOUTH: columns, NORTH: -columns}

@@ -17,117 +17,117 @@ import torch
 from torch import nn
 from torch.nn.functional import huber_loss, mse_loss
 
-from uavbench.city import NUM_ACTIONS
-from uavbench.episode import train_numbers
-from uavbench.observation import Observer
-from uavbench.simulator import Simulator
-from uavbench.state import index_targets, new_state
-from uavbench.torch_state import pack, tensors, unpack, unpack_network
-from uavbench.weights import weights_for, weights_path
+from uavbench.agents.torch_state import pack, tensors, unpack, unpack_network
+from uavbench.agents.weights import weights_for, weights_path
+from uavbench.simulation.observation import Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.simulation.state import index_targets, new_state
+from uavbench.world.city import NUM_ACTIONS
+from uavbench.world.episode import train_numbers
 
 
 @dataclass(frozen=True)
 class Config:
-    """How to train.
+    """How to train. Where a field has a ``last_`` twin, the value changes evenly from the first to the last in a training.
 
     Attributes
     ----------
     updates : int
         Gradient steps in all.
-    environments : int
-        Episodes side by side. In each round all of them make a step and the network an update, the first rounds apart.
+    num_envs : int
+        Episodes side by side. Each round is a step in all of them and one update, after the first ``learning_starts`` steps.
     batch, segment : int
-        How many segments an update learns from, and of how many steps each.
-    trace : float
-        λ: 0 for one-step targets, 1 for what was collected until the end of the segment.
-    replay, prefill : int
-        Steps that are remembered at most, and taken at random before the first update.
+        How many segments an update learns from, and how many steps each segment has.
+    td_lambda : float
+        λ of the returns: 0 for one-step targets, 1 for everything that was collected until the end of the segment.
+    buffer_size, learning_starts : int
+        Steps that the replay buffer holds, and random steps before the first update.
     discount, soft_update, temperature : float
-        The paper's γ, τ and softmax temperature; the last is in units of the scaled reward.
+        The paper's γ, τ and softmax temperature; the temperature is in units of the scaled reward.
     reward_scale, crash_scale, budget_scale : float
-        What rewards, that of a crash besides, and the budget as an input are multiplied with.
-    rate, last_rate, flat : float
-        Learning rate, and what share of it is left at the end: it falls by a cosine, after the share ``flat`` of the updates.
-    warmup : int
-        Updates in which the learning rate rises from 0.
+        Factors of all rewards, of the reward of a crash besides, and of the budget as an input of the network.
+    learning_rate, last_learning_rate : float
+        Adam's learning rate, and the share of it that is left at the end, to which it falls along a cosine.
+    lr_warmup, lr_hold : int, float
+        Updates in which the learning rate rises from 0, and the share of the updates after which it begins to fall.
     amsgrad : bool
-        Adam's variant.
+        Whether Adam is used in its AMSGrad variant.
     huber, clip : float
-        Where the loss becomes linear, and the greatest norm of a gradient; 0 for neither.
-    anywhere, last_anywhere : float
-        Share of episodes that start in any cell with any budget, at the beginning and in the end.
-    careful, last_careful : float
-        Share of the environments in which no action is tried that loses the way home, at the beginning and in the end. Where
-        all may crash, the first thing learned is to land at once; where none does, landing is never learned.
+        The error from which the loss is linear, and the largest norm of a gradient; 0 turns either off.
+    random_start_fraction, last_random_start_fraction : float
+        Share of episodes that start in any cell with any budget.
+    safe_exploration, last_safe_exploration : float
+        Share of the environments that try only safe actions, after which landing is still possible. Without any, the first
+        thing learned is to land at once; with all of them, landing is never learned.
     validation : int
         Updates from one validation to the next.
     """
 
     updates: int
-    environments: int = 1
+    num_envs: int = 1
     batch: int = 128
     segment: int = 1
-    trace: float = 0.0
-    replay: int = 50_000
-    prefill: int = 25_000
+    td_lambda: float = 0.0
+    buffer_size: int = 50_000
+    learning_starts: int = 25_000
     discount: float = 0.95
     soft_update: float = 0.005
     temperature: float = 0.1
     reward_scale: float = 1.0
     crash_scale: float = 1.0
     budget_scale: float = 1.0
-    rate: float = 3e-5
-    last_rate: float = 1.0
-    warmup: int = 0
-    flat: float = 1.0
+    learning_rate: float = 3e-5
+    last_learning_rate: float = 1.0
+    lr_warmup: int = 0
+    lr_hold: float = 1.0
     amsgrad: bool = True
     huber: float = 0.0
     clip: float = 0.0
-    anywhere: float = 0.0
-    last_anywhere: float = 0.0
-    careful: float = 0.0
-    last_careful: float = 0.0
+    random_start_fraction: float = 0.0
+    last_random_start_fraction: float = 0.0
+    safe_exploration: float = 0.0
+    last_safe_exploration: float = 0.0
     validation: int = 1000
 
     def __post_init__(self):
         for name, value in asdict(self).items():
-            least, most = int(type(value) is int and name not in ("prefill", "warmup")), (1 if name in _SHARES else math.inf)
-            if not least <= value <= most or (name == "temperature" and value == 0):
-                raise ValueError(f"{name}: {value} is not from {least} to {most}")
-        if self.replay < self.environments * (self.segment + 2):
-            raise ValueError(f"replay: {self.replay} steps: {self.environments} environments need {self.segment + 2} each")
+            low = int(type(value) is int and name not in ("learning_starts", "lr_warmup"))
+            high = 1 if name in _SHARES or name.startswith("last_") else math.inf
+            if not low <= value <= high or (name == "temperature" and value == 0):
+                raise ValueError(f"{name}: {value} is not from {low} to {high}")
+        if self.buffer_size < self.num_envs * (self.segment + 2):
+            needed = f"num_envs = {self.num_envs} and segment = {self.segment} need {self.num_envs * (self.segment + 2)} steps"
+            raise ValueError(f"buffer_size: {self.buffer_size} is too small: {needed}")
 
 
-_SHARES = ("trace", "discount", "soft_update", "last_rate", "flat", "anywhere", "last_anywhere", "careful", "last_careful")
-CONFIGS = {
-    "paper": Config(updates=2_000_000, validation=20_000),
-    "fast": Config(
-        updates=30_000,
-        environments=128,
-        batch=64,
-        segment=8,
-        trace=0.7,
-        replay=65_536,
-        prefill=8_192,
-        temperature=0.01,
-        reward_scale=0.1,
-        budget_scale=0.1,
-        rate=5e-4,
-        last_rate=0.02,
-        warmup=200,
-        flat=0.3,
-        amsgrad=False,
-        huber=1.0,
-        clip=5.0,
-        anywhere=0.5,
-        last_anywhere=0.1,
-        careful=0.9,
-        last_careful=0.5,
-    ),
-}
-# After `fast`, from its weights, to land surely: crashes cost more, and a squared loss counts those that are seldom in full.
-_SURELY = {"rate": 1e-4, "flat": 0.2, "anywhere": 0.1, "careful": 0.0, "last_careful": 0.0, "huber": 0.0, "crash_scale": 20.0}
-CONFIGS["finish"] = replace(CONFIGS["fast"], updates=6_000, validation=2_000, **_SURELY)
+_SHARES = ("td_lambda", "discount", "soft_update", "lr_hold", "random_start_fraction", "safe_exploration")
+_FAST = Config(
+    updates=30_000,
+    num_envs=128,
+    batch=64,
+    segment=8,
+    td_lambda=0.7,
+    buffer_size=65_536,
+    learning_starts=8_192,
+    temperature=0.01,
+    reward_scale=0.1,
+    budget_scale=0.1,
+    learning_rate=5e-4,
+    last_learning_rate=0.02,
+    lr_warmup=200,
+    lr_hold=0.3,
+    amsgrad=False,
+    huber=1.0,
+    clip=5.0,
+    random_start_fraction=0.5,
+    last_random_start_fraction=0.1,
+    safe_exploration=0.9,
+    last_safe_exploration=0.5,
+)
+# After `fast`, from its weights, to land surely: crashes cost more, and a squared loss counts rare ones in full.
+_FINISH = replace(_FAST, updates=6_000, validation=2_000, learning_rate=1e-4, lr_hold=0.2, crash_scale=20.0, huber=0.0)
+_FINISH = replace(_FINISH, random_start_fraction=0.1, safe_exploration=0.0, last_safe_exploration=0.0)
+CONFIGS = {"paper": Config(updates=2_000_000, validation=20_000), "fast": _FAST, "finish": _FINISH}
 
 
 class Network(nn.Module):
@@ -149,16 +149,12 @@ class Network(nn.Module):
         self.maps = [name for name, shape in shapes.items() if shape[1]]
         self.register_buffer("budget_scale", torch.tensor([float(budget_scale)]))
         self.branches = nn.ModuleDict()
-        self.inputs = 1  # of the first dense layer, N of table IV: the budget is one
+        self.inputs = 1  # of the first dense layer, the paper's N (Table IV): the budget is one
         for name in self.maps:
             layers, height, width = shapes[name]
             size = min(kernel_size, (height + 1) // 2, (width + 1) // 2)  # two convolutions must fit a tiny map, too
-            self.branches[f"{name}_map"] = nn.Sequential(
-                nn.Conv2d(layers, kernels, size),
-                nn.ReLU(inplace=True),
-                nn.Conv2d(kernels, kernels, size),
-                nn.ReLU(inplace=True),
-            )
+            pair = [(nn.Conv2d(channels, kernels, size), nn.ReLU(inplace=True)) for channels in (layers, kernels)]
+            self.branches[f"{name}_map"] = nn.Sequential(*itertools.chain(*pair))
             self.inputs += kernels * (height - 2 * (size - 1)) * (width - 2 * (size - 1))
         self.branches.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         widths = [self.inputs, hidden, hidden, hidden]
@@ -175,11 +171,11 @@ class Network(nn.Module):
 class Replay:
     """The last steps of all environments: the state before, action, reward, end. Observations are made anew."""
 
-    def __init__(self, scenario, environments, capacity):
+    def __init__(self, scenario, num_envs, capacity):
         self._scenario, self._observer = scenario, Observer(scenario)
-        self.length = max(2, capacity // environments)
+        self.length = max(2, capacity // num_envs)
         self.written = 0
-        shape, exact = (self.length, environments), scenario.mission.kind == "coverage"
+        shape, exact = (self.length, num_envs), scenario.mission.kind == "coverage"
         self.arrays = {
             "target": np.zeros((*shape, *scenario.shape), dtype=np.bool_ if exact else np.float16),
             "position": np.zeros((*shape, 2), dtype=np.int16),
@@ -187,17 +183,15 @@ class Replay:
             "action": np.zeros(shape, dtype=np.int64),
             "reward": np.zeros(shape, dtype=np.float32),
             "done": np.zeros(shape, dtype=np.bool_),
+            "layers": np.zeros((*shape, len(scenario.mission.layers), *scenario.shape), dtype=np.float16),
         }
-        if scenario.mission.layers:
-            self.arrays["layers"] = np.zeros((*shape, len(scenario.mission.layers), *scenario.shape), dtype=np.float16)
         self._scratch = {}
 
     def add_states(self, state):
         """Begin a step: remember where the environments are."""
         at = self.written % self.length
         self.arrays["target"][at] = state.target
-        if "layers" in self.arrays:
-            self.arrays["layers"][at] = state.layers
+        self.arrays["layers"][at] = state.layers
         self.arrays["position"][at] = state.position[:, 0]
         self.arrays["budget"][at] = state.budget[:, 0]
 
@@ -229,8 +223,7 @@ class Replay:
         state = self._scratch[count]
         state.target[:] = picked["target"].reshape(state.target.shape)
         index_targets(state)
-        if "layers" in picked:
-            state.layers[:] = picked["layers"].reshape(state.layers.shape)
+        state.layers[:] = picked["layers"].reshape(state.layers.shape)
         state.position[:, 0] = picked["position"].reshape(-1, 2)
         state.budget[:, 0] = picked["budget"].reshape(-1)
         observation = self._observer.empty(count)
@@ -257,11 +250,12 @@ class Learner:
         self.network = Network(self._observer, budget_scale=config.budget_scale)
         self._target = Network(self._observer, budget_scale=config.budget_scale)
         self._target.load_state_dict(self.network.state_dict())
-        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.rate, amsgrad=config.amsgrad, fused=True)
-        self._replay = Replay(scenario, config.environments, config.replay)
-        self._simulator = Simulator(scenario, config.environments)
-        self._observation = self._observer.empty(config.environments)
-        self._all = np.arange(config.environments)
+        rate, amsgrad = config.learning_rate, config.amsgrad
+        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=rate, amsgrad=amsgrad, fused=True)
+        self._replay = Replay(scenario, config.num_envs, config.buffer_size)
+        self._simulator = Simulator(scenario, config.num_envs)
+        self._observation = self._observer.empty(config.num_envs)
+        self._all = np.arange(config.num_envs)
         self.updates = self._rounds = self._started = 0
         self._begin(self._all)
 
@@ -278,7 +272,7 @@ class Learner:
     def advance(self):
         """Take a step in every environment and learn once; return what to plot."""
         config, memory = self.config, self._replay
-        while memory.written * config.environments < config.prefill or memory.written <= config.segment:
+        while memory.written * config.num_envs < config.learning_starts or memory.written <= config.segment:
             self._act(explore=True)
         self._act()
         return self._learn()
@@ -286,8 +280,8 @@ class Learner:
     def _begin(self, index):
         """Start the next episodes of the train split in the slots ``index``, a share of them anywhere."""
         self._simulator.reset(index, "train", train_numbers(self.seed, self._started, len(index)))
-        anywhere = self._between(self.config.anywhere, self.config.last_anywhere)
-        self._simulator.scatter(index[self._random(1).random(len(index)) < anywhere])
+        share = self._between(self.config.random_start_fraction, self.config.last_random_start_fraction)
+        self._simulator.scatter(index[self._random(1).random(len(index)) < share])
         self._started += len(index)
 
     def _between(self, first, last):
@@ -302,14 +296,14 @@ class Learner:
         """Take a step in every environment, by softmax over the Q-values or uniformly, and remember it."""
         config, simulator, random = self.config, self._simulator, self._random(0)
         state = simulator.state
-        score = random.gumbel(size=(config.environments, NUM_ACTIONS))  # the highest of value + gumbel is a softmax's pick
+        score = random.gumbel(size=(config.num_envs, NUM_ACTIONS))  # the highest of value + gumbel is a softmax's pick
         if not explore:
             self._observer.write(state, self._all, self._observation)
             with torch.no_grad():
                 score += self.network(tensors(self._observation)).numpy() / config.temperature
-        careful = self._all < self._between(config.careful, config.last_careful) * config.environments
-        homeward = simulator.city.homeward(state.position[careful, 0], state.budget[careful, 0])
-        score[careful] += np.where(homeward, 0.0, -np.inf)
+        safe = self._all < self._between(config.safe_exploration, config.last_safe_exploration) * config.num_envs
+        mask = simulator.city.safe_action_mask(state.position[safe, 0], state.budget[safe, 0])
+        score[safe] += np.where(mask, 0.0, -np.inf)
         actions = score.argmax(axis=1)
         self._replay.add_states(state)
         simulator.step(actions)
@@ -339,7 +333,7 @@ class Learner:
         if config.clip:
             nn.utils.clip_grad_norm_(self.network.parameters(), config.clip)
         for group in self._optimizer.param_groups:
-            group["lr"] = config.rate * self._schedule()
+            group["lr"] = config.learning_rate * self._schedule()
         self._optimizer.step()
         with torch.no_grad():
             for slow, own in zip(self._target.parameters(), self.network.parameters(), strict=True):
@@ -352,16 +346,17 @@ class Learner:
         config, targets = self.config, np.empty_like(rewards)
         onward = bootstraps[-1]
         for t in range(len(rewards) - 1, -1, -1):
-            onward = (1 - config.trace) * bootstraps[t] + config.trace * onward
+            onward = (1 - config.td_lambda) * bootstraps[t] + config.td_lambda * onward
             onward = targets[t] = rewards[t] + config.discount * np.where(ends[t], 0.0, onward)
         return targets
 
     def _schedule(self):
         """Return the share of the learning rate that this update has."""
         config = self.config
-        warm = min(1.0, (self.updates + 1) / config.warmup) if config.warmup else 1.0
-        late = max(0.0, (self.updates / config.updates - config.flat) / max(1 - config.flat, 1e-9))
-        return warm * (config.last_rate + (1 - config.last_rate) * (1 + math.cos(math.pi * min(late, 1.0))) / 2)
+        warm = min(1.0, (self.updates + 1) / config.lr_warmup) if config.lr_warmup else 1.0
+        late = max(0.0, (self.updates / config.updates - config.lr_hold) / max(1 - config.lr_hold, 1e-9))
+        last = config.last_learning_rate
+        return warm * (last + (1 - last) * (1 + math.cos(math.pi * min(late, 1.0))) / 2)
 
     def weights(self):
         """Return what the agent needs."""

@@ -8,8 +8,8 @@ In a team the best pair of UAV and goal is settled first, and what it will cover
 
 import numpy as np
 
-from uavbench.city import HOVER, LAND, OFFSETS
-from uavbench.missions.coverage import camera_gain, camera_views
+from uavbench.simulation.missions.coverage import camera_gain, camera_views
+from uavbench.world.city import HOVER, LAND, OFFSETS
 
 MOVES = [tuple(offset) for offset in OFFSETS[:4].tolist()]  # north, east, south, west
 
@@ -46,7 +46,9 @@ class Agent:
         away = [city.distances(state.position) for state in states]
         actions = [np.maximum(distance, 1) for distance in away]  # a goal right here costs a hover
         fits = [
-            (distance >= 0) & (city.home >= 0) & (spent + city.home + 1 + slack <= state.budget)  # + 1 to land
+            (distance >= 0)
+            & (city.distance_to_landing >= 0)
+            & (spent + city.distance_to_landing + 1 + slack <= state.budget)  # + 1 to land
             for distance, spent, state in zip(away, actions, states, strict=True)
         ]
         while waiting:
@@ -90,15 +92,15 @@ class Agent:
     @staticmethod
     def _place(city, r, c):
         """Return where to hover for the device at (r, c): over it, or as close as one may fly."""
-        if city.home[r, c] >= 0:
+        if city.distance_to_landing[r, c] >= 0:
             return r, c
         rows, cols = np.indices(city.shape)
-        distance = np.where(city.home >= 0, np.hypot(rows - r, cols - c), np.inf)
+        distance = np.where(city.distance_to_landing >= 0, np.hypot(rows - r, cols - c), np.inf)
         return divmod(int(np.argmin(distance)), distance.shape[1])
 
     def _homeward(self, state, others):
         """Return the next action of the way home, around the others."""
-        home, cell = state.city.home, state.position
+        home, cell = state.city.distance_to_landing, state.position
         if home[cell] == 0:
             return LAND
         step = self._nearer(home, cell)

@@ -21,11 +21,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from uavbench.city import HOVER, LAND, OFFSETS, city_of
-from uavbench.kernel import kernel
-from uavbench.missions.coverage import camera_views
-from uavbench.missions.harvesting import channel_of, log_snr_of
 from uavbench.planning.paths import worthiest_way
+from uavbench.simulation.missions.coverage import camera_views
+from uavbench.simulation.missions.harvesting import channel_of, log_snr_of
+from uavbench.world.city import HOVER, LAND, OFFSETS, city_of
+from uavbench.world.kernel import kernel
 
 _PRIZE = 100  # of a target or data unit, in moves: way is saved only where it costs nothing
 _ACTION = 1e-3  # what an action costs in targets or data units: of equal tours the shorter one is better
@@ -97,7 +97,7 @@ class Agent:
         if importlib.util.find_spec("pyvrp") is None:
             raise ImportError("orienteering needs PyVRP: pip install 'uavbench[planning]'")
         self._city = city_of(scenario)
-        self._home = self._city.home.reshape(-1).copy()
+        self._home = self._city.distance_to_landing.reshape(-1).copy()
         self._away = {}
         self._mission = (_Coverage if scenario.mission.kind == "coverage" else _Harvesting)(scenario, self._city)
 

@@ -21,15 +21,15 @@ import torch
 from planner import Agent as Planner
 from torch import nn
 
-from uavbench.city import OFFSETS, City, city_of
-from uavbench.episode import train_numbers
-from uavbench.observation import Observer
+from uavbench.agents.torch_state import pack, unpack, unpack_network
+from uavbench.agents.weights import weights_for
 from uavbench.planning.belief import DeviceBelief, TargetBelief, places, static
 from uavbench.planning.harvesting import expected_rates
-from uavbench.resources import shipped_weights
-from uavbench.simulator import Simulator
-from uavbench.torch_state import pack, unpack, unpack_network
-from uavbench.weights import weights_for
+from uavbench.simulation.observation import Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.city import OFFSETS, City, city_of
+from uavbench.world.episode import train_numbers
+from uavbench.world.resources import shipped_weights
 
 
 @dataclass
@@ -156,7 +156,7 @@ class Config:
         What an update learns from: episodes, and cells along a way through each, at every one of which it has a belief.
     channels, depth : int
         Of the network's convolutions.
-    rate : float
+    learning_rate : float
         Adam's, at the beginning; it falls to 0 by a cosine.
     validation, validation_episodes : int
         Updates from one validation to the next, and episodes of one.
@@ -167,7 +167,7 @@ class Config:
     views: int = 8
     channels: int = 32
     depth: int = 5
-    rate: float = 2e-3
+    learning_rate: float = 2e-3
     validation: int = 600
     validation_episodes: int = 20
 
@@ -184,7 +184,7 @@ class Learner:
         self.scenario, self.config, self.seed, self.updates = scenario, config, seed, 0
         torch.manual_seed(seed)
         self.network = Network(config.channels, config.depth)
-        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.rate, fused=True)
+        self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, fused=True)
         self._simulator, self._observer = Simulator(scenario, config.episodes), Observer(scenario)
 
     @property
@@ -197,7 +197,7 @@ class Learner:
         config = self.config
         seen, wanted, asked = (torch.from_numpy(part) for part in self._draw())
         for group in self._optimizer.param_groups:
-            group["lr"] = config.rate * (1 + math.cos(math.pi * self.updates / config.updates)) / 2
+            group["lr"] = config.learning_rate * (1 + math.cos(math.pi * self.updates / config.updates)) / 2
         logits = self.network(seen)
         loss = torch.nn.functional.binary_cross_entropy_with_logits(logits[asked], wanted[asked])
         self._optimizer.zero_grad()
@@ -216,7 +216,9 @@ class Learner:
         simulator.reset(index, "train", train_numbers(self.seed, self.updates * config.episodes, config.episodes))
         random = np.random.default_rng((self.seed, self.updates))
         city, state = simulator.city, simulator.state
-        goals = np.argwhere(city.home >= 0)[random.integers((city.home >= 0).sum(), size=config.episodes)]
+        goals = np.argwhere(city.distance_to_landing >= 0)[
+            random.integers((city.distance_to_landing >= 0).sum(), size=config.episodes)
+        ]
         ways = [_way(city, tuple(state.position[i, 0].tolist()), tuple(goals[i].tolist()), config.views, random) for i in index]
         beliefs = [TargetBelief(scenario) for _ in index]
         observation = self._observer.empty(config.episodes)

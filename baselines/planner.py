@@ -4,8 +4,8 @@ CPP: planned once, the best of several searches, then flown. DH: planned on expe
 data that are left. It searches only while there is more to get. The knobs are the agent's attributes.
 """
 
-from uavbench.city import HOVER, LAND, OFFSETS
 from uavbench.planning import coverage, harvesting
+from uavbench.world.city import HOVER, LAND, OFFSETS
 
 MOVES = [tuple(offset) for offset in OFFSETS[:5].tolist()]  # north, east, south, west, hover
 
@@ -77,7 +77,9 @@ class Agent:
     def _search(self, states, seed, changes, **more):
         """Search for flights; each UAV of a team keeps some actions for being in another's way."""
         starts, slack = [state.position for state in states], 2 * (len(states) - 1)
-        needed = [len(flight) for flight in more.get("first", ())] or [int(s.city.home[s.position]) + 1 for s in states]
+        needed = [len(flight) for flight in more.get("first", ())] or [
+            int(s.city.distance_to_landing[s.position]) + 1 for s in states
+        ]
         budgets = [max(state.budget - slack, need) for state, need in zip(states, needed, strict=True)]
         if self._harvests:
             devices, data = states[0].device_cell, states[0].device_data

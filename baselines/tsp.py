@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 
-from uavbench.city import HOVER, LAND, OFFSETS
-from uavbench.kernel import kernel
-from uavbench.missions.harvesting import channel_of
+from uavbench.simulation.missions.harvesting import channel_of
+from uavbench.world.city import HOVER, LAND, OFFSETS
+from uavbench.world.kernel import kernel
 
-MOST_DEVICES = 10  # time and memory double with each; where there are more, those with most data are looked at
+MAX_DEVICES = 10  # time and memory double with each; where there are more, those with most data are looked at
 
 
 class Agent:
@@ -44,23 +44,27 @@ class Agent:
             self._left, self._goal = left, self._plan(state, left)
         if self._goal is not None:
             away = city.distances(self._goal)
-            if max(away[here], 1) + city.home[self._goal] + 1 <= state.budget:  # at the goal 1 to hover; + 1 to land
+            if (
+                max(away[here], 1) + city.distance_to_landing[self._goal] + 1 <= state.budget
+            ):  # at the goal 1 to hover; + 1 to land
                 return _nearer(city, away, here) if away[here] else HOVER
-        return _nearer(city, city.home, here) if city.home[here] else LAND
+        return _nearer(city, city.distance_to_landing, here) if city.distance_to_landing[here] else LAND
 
     def _plan(self, state, left):
         """Return where to hover first on the best tour over the devices ``left``; None where no tour is worth its way."""
         if not left:
             return None
         city, away = state.city, state.city.distances(state.position)
-        in_time = (away >= 0) & (away + city.home + 1 <= state.budget)  # + 1 to land
-        left = sorted(left, key=lambda k: -state.device_data[k])[:MOST_DEVICES]
+        in_time = (away >= 0) & (away + city.distance_to_landing + 1 <= state.budget)  # + 1 to land
+        left = sorted(left, key=lambda k: -state.device_data[k])[:MAX_DEVICES]
         cells = state.device_cell[left]
         places = [_place(in_time, *cell) for cell in cells.tolist()]
         rows, cols = np.array(places).T
         between = np.array([city.distances(place)[rows, cols] for place in places])
         rates = np.array([self._rate(city, cell, place) for cell, place in zip(cells, places, strict=True)])
-        tour = _best_tour(away[rows, cols], between, city.home[rows, cols], state.device_data[left], rates, state.budget)
+        tour = _best_tour(
+            away[rows, cols], between, city.distance_to_landing[rows, cols], state.device_data[left], rates, state.budget
+        )
         return places[tour[0]] if len(tour) else None
 
     def _rate(self, city, device, place):

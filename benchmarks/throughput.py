@@ -83,8 +83,8 @@ class Teams:
         import numpy as np
 
         import uavbench
-        from uavbench.observation import Observer
-        from uavbench.simulator import Simulator
+        from uavbench.simulation.observation import Observer
+        from uavbench.simulation.simulator import Simulator
 
         self.np = np
         scenario = uavbench.load_scenario(name).with_uavs(uavs)

@@ -14,8 +14,8 @@ import time
 import torch
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.memory import keep_freed
+from uavbench.agents.agent import find_agent
+from uavbench.learning.memory import keep_freed
 
 LEARNER = {}
 

@@ -11,11 +11,11 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 
 import uavbench
-from uavbench.agent import find_agent
+from uavbench.agents.agent import find_agent
 from uavbench.leaderboard.submission import load_submission
-from uavbench.plot import save_plot
-from uavbench.state_view import StateView
-from uavbench.watch import recorded_scenes
+from uavbench.pictures.plot import save_plot
+from uavbench.pictures.watch import recorded_scenes
+from uavbench.simulation.state_view import StateView
 
 IMAGES = Path(__file__).parent / "images"
 FLIGHTS = (("Manhattan32-CPP-v0", 17), ("Urban50-DH-v0", 17), ("Urban50-CPP-Team-v0", 13))

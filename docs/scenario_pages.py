@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from uavbench import load_scenario, scenario_ids
-from uavbench.city import city_of
-from uavbench.plot import city_legend
-from uavbench.scene import city_colours
+from uavbench.drawing.scene import city_colours
+from uavbench.pictures.plot import city_legend
+from uavbench.world.city import city_of
 
 DOCS = Path(__file__).parent
 FOLDER = DOCS / "scenario"

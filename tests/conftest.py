@@ -6,9 +6,9 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job
-from uavbench.run import run
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job
+from uavbench.evaluation.run import run
 
 # The first example of a test may compile kernels. In CI the examples are the same each time; newer versions of Hypothesis
 # would choose that by themselves, but the lowest declared one keeps its deadline there.

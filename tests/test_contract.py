@@ -11,10 +11,10 @@ from record import digest
 
 from uavbench import load_scenario, scenario_ids
 from uavbench.envs.env import UAVEnv
-from uavbench.episode import episode_keys, frozen_columns, split_size
-from uavbench.files import pack_arrays
-from uavbench.freeze import FROZEN_SPLITS, draw
-from uavbench.keyed import AGENT, stream
+from uavbench.simulation.freeze import FROZEN_SPLITS, draw
+from uavbench.world.episode import episode_keys, frozen_columns, split_size
+from uavbench.world.files import pack_arrays
+from uavbench.world.keyed import AGENT, stream
 
 SCENARIOS = {
     "Block8-CPP-v0": "43c301d74b011aec2cded9f226f0b5cfa92ba0ef5cc3b59dd37ddb892b0011b0",
@@ -100,7 +100,7 @@ def test_the_frozen_episodes_keep_the_rules(name):
     assert columns["budget"].min() == low
     assert columns["budget"].max() == high
     start = columns["start"].reshape(1000, -1, 2)
-    assert start.shape[1] == scenario.most_uavs
+    assert start.shape[1] == scenario.max_uavs
     assert (rows[start[..., 0], start[..., 1]] == "L").all()
     assert all(len({tuple(cell) for cell in cells}) == len(cells) for cells in start.tolist())
     if scenario.mission.kind == "coverage":

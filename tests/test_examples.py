@@ -42,7 +42,7 @@ def test_an_example_trains_and_is_scored(name, library, scenario, steps, episode
 
     python(f"{name}.py", "--scenario", scenario, "--steps", str(steps))
     chosen = ("--scenario", scenario, "--split", "validation", "--episodes", str(episodes))
-    python("-c", "from uavbench.cli import app; app()", "evaluate", "--agent", f"{name}.py", *chosen)
+    python("-c", "from uavbench.cli.app import app; app()", "evaluate", "--agent", f"{name}.py", *chosen)
     summary = json.loads((tmp_path / "results" / scenario / name / "summary.json").read_text())
     assert summary["episodes"] == episodes
     assert summary["track"] == "observation"

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job, evaluate
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.leaderboard.submission import load_submission
 
 ROOT = Path(__file__).parent.parent

@@ -12,9 +12,10 @@ from typing import cast as _cast
 import gymnasium as _gymnasium
 import pettingzoo as _pettingzoo  # pyright: ignore[reportMissingTypeStubs]
 
+from uavbench import moved as _moved
 from uavbench.errors import UavbenchError
-from uavbench.resources import scenario_paths as _scenario_paths
-from uavbench.scenario import Scenario, ScenarioError, load_scenario
+from uavbench.world.resources import scenario_paths as _scenario_paths
+from uavbench.world.scenario import Scenario, ScenarioError, load_scenario
 
 if TYPE_CHECKING:
     from pettingzoo.utils.env import AECEnv as _AECEnv  # pyright: ignore[reportMissingTypeStubs]
@@ -60,6 +61,8 @@ def aec_env(scenario: str | _Path | Scenario, **kwargs: _Any) -> "_AECEnv[str, _
 
     return make(scenario, **kwargs)
 
+
+_moved.install()
 
 for _id in scenario_ids():
     _for_team = "-Team-" in _id

@@ -26,16 +26,16 @@ class TwoMaps(BaseFeaturesExtractor):
         shapes = {name: space[name].shape for name in ("local", "global")}
         cells = sum((rows - 4) * (cols - 4) for _, rows, cols in shapes.values())  # two 3×3 kernels, no padding
         super().__init__(space, features_dim=channels * cells + 1)
-        self.most_data, self.most_budget = float(space["global"].high[3].max()), float(space["budget"].high[0])
+        self.max_data, self.max_budget = float(space["global"].high[3].max()), float(space["budget"].high[0])
         self.maps = nn.ModuleDict({name: self._convolutions(shape[0], channels) for name, shape in shapes.items()})
 
     def forward(self, observations):
         """Return the features, shape (batch, features_dim)."""
         scaled = {name: observations[name].clone() for name in self.maps}
         for layers in scaled.values():
-            layers[:, 3] /= self.most_data  # the target layer, as large as the others
+            layers[:, 3] /= self.max_data  # the target layer, as large as the others
         features = [convolve(scaled[name]) for name, convolve in self.maps.items()]
-        return torch.cat([*features, observations["budget"] / self.most_budget], dim=1)
+        return torch.cat([*features, observations["budget"] / self.max_budget], dim=1)
 
     @staticmethod
     def _convolutions(layers, channels):

@@ -20,10 +20,10 @@ import numpy as np
 import pandas as pd
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job, evaluate
-from uavbench.metrics import METRICS
-from uavbench.train import Training, train
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job, evaluate
+from uavbench.evaluation.metrics import METRICS
+from uavbench.learning.train import Training, train
 
 SCENARIOS = ("Manhattan32-CPP-Long-v0", "Manhattan32-DH-Long-v0")
 LOCALS, SCALES = (9, 17, 25), (3, 5, 7)

@@ -30,12 +30,12 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job, evaluate
-from uavbench.memory import keep_freed
-from uavbench.metrics import METRICS
-from uavbench.observation import Observer
-from uavbench.weights import save_weights
+from uavbench.agents.agent import find_agent
+from uavbench.agents.weights import save_weights
+from uavbench.evaluation.evaluate import Job, evaluate
+from uavbench.evaluation.metrics import METRICS
+from uavbench.simulation.memory import keep_freed
+from uavbench.simulation.observation import Observer
 
 SCENARIO = "Manhattan32-CPP-v0"
 ENVIRONMENTS, BATCH, PREFILL = 128, 512, 8_192

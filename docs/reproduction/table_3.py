@@ -7,9 +7,9 @@ import argparse
 from pathlib import Path
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job
-from uavbench.run import run
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job
+from uavbench.evaluation.run import run
 
 #: Of the paper: Landed, CR, CRAL, in %.
 PUBLISHED = {

@@ -13,7 +13,7 @@ from dataclasses import replace
 import torch
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
+from uavbench.agents.agent import find_agent
 
 LOCALS, SCALES = (9, 17, 25, 33), (2, 3, 5, 7)
 
@@ -27,7 +27,7 @@ def main():
     options = parser.parse_args()
     torch.set_num_threads(1)
     module, scenario = find_agent("ddqn").module(), load_scenario(options.scenario)
-    config = replace(module.CONFIGS["paper"], replay=1000, prefill=500)  # what is remembered costs no time
+    config = replace(module.CONFIGS["paper"], buffer_size=1000, learning_starts=500)  # what is remembered costs no time
     sizes = [(0, 1), *((size, scale) for size in LOCALS for scale in SCALES)]
     learners = {size: module.Learner(scenario.with_observation(*size), config, seed=0) for size in sizes}
     seconds = dict.fromkeys(sizes, float("inf"))

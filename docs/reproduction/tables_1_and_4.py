@@ -4,8 +4,8 @@ Usage: python docs/reproduction/tables_1_and_4.py
 """
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.observation import Observer
+from uavbench.agents.agent import find_agent
+from uavbench.simulation.observation import Observer
 
 CITIES = ("Manhattan32", "Urban50")
 

@@ -10,8 +10,8 @@ from flying import check_forgets, fly
 from worlds import COVERAGE, HARVESTING, scenario
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.missions.coverage import camera_views
+from uavbench.agents.agent import find_agent
+from uavbench.simulation.missions.coverage import camera_views
 
 SCENARIOS = ["Manhattan32-CPP-v0", "Urban50-CPP-v0", "Block8-CPP-v0"]
 LONG = ["Manhattan32-CPP-Long-v0", "Urban50-CPP-Long-v0"]

@@ -8,14 +8,14 @@ import worlds
 from learning import CPP, DDQN, DH, SOURCE, TINY, spoilt, torch, training
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import AgentError, Job, evaluate
-from uavbench.metrics import compare
-from uavbench.observation import Observer
-from uavbench.resources import shipped_weights
-from uavbench.simulator import Simulator
-from uavbench.train import train
-from uavbench.weights import load_weights, save_weights
+from uavbench.agents.agent import find_agent
+from uavbench.agents.weights import load_weights, save_weights
+from uavbench.evaluation.evaluate import AgentError, Job, evaluate
+from uavbench.evaluation.metrics import compare
+from uavbench.learning.train import train
+from uavbench.simulation.observation import Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.resources import shipped_weights
 
 
 @pytest.mark.parametrize(
@@ -74,7 +74,7 @@ def test_targets_are_lambda_returns_and_stop_where_episodes_end(trace):
     random = np.random.default_rng(0)
     rewards, ends = random.normal(size=(5, 7)).astype(np.float32), random.random((5, 7)) < 0.3
     bootstraps = random.normal(size=(5, 7)).astype(np.float32)
-    learner = DDQN.Learner(CPP, replace(TINY, trace=trace), 0)
+    learner = DDQN.Learner(CPP, replace(TINY, td_lambda=trace), 0)
     found = learner._returns(rewards, ends, bootstraps)
     assert found == pytest.approx(returns(rewards, ends, bootstraps, TINY.discount, trace), abs=1e-5)
     if trace == 0.0:  # eq. 18
@@ -82,7 +82,9 @@ def test_targets_are_lambda_returns_and_stop_where_episodes_end(trace):
 
 
 def test_double_q_takes_the_online_networks_action_and_the_target_networks_value():
-    learner = DDQN.Learner(CPP, replace(TINY, batch=2, segment=1, trace=0.0, discount=1.0, rate=0.0, warmup=0, huber=0.0), 0)
+    learner = DDQN.Learner(
+        CPP, replace(TINY, batch=2, segment=1, td_lambda=0.0, discount=1.0, learning_rate=0.0, lr_warmup=0, huber=0.0), 0
+    )
     learner.advance()
     with torch.no_grad():
         for own, slow in ((learner.network, 1.0), (learner._target, 2.0)):
@@ -144,14 +146,16 @@ def test_memory_gives_back_what_was_observed(scenario):
 
 
 def test_careful_environments_never_lose_the_way_home():
-    learner = DDQN.Learner(CPP, replace(TINY, careful=1.0, anywhere=1.0, last_anywhere=1.0, environments=32), 0)
-    state, home = learner._simulator.state, learner._simulator.city.home
+    learner = DDQN.Learner(
+        CPP, replace(TINY, safe_exploration=1.0, random_start_fraction=1.0, last_random_start_fraction=1.0, num_envs=32), 0
+    )
+    state, home = learner._simulator.state, learner._simulator.city.distance_to_landing
     for _ in range(200):
         learner._act(explore=True)
         here = state.position[:, 0]
         assert (state.budget[:, 0] > home[here[:, 0], here[:, 1]]).all()
     assert not learner._replay.arrays["reward"].min() < -10 * TINY.reward_scale  # no crash
-    careless = DDQN.Learner(CPP, replace(TINY, careful=0.0, environments=32), 0)
+    careless = DDQN.Learner(CPP, replace(TINY, safe_exploration=0.0, num_envs=32), 0)
     for _ in range(100):
         careless._act(explore=True)
     assert careless._replay.arrays["reward"].min() < -10 * TINY.reward_scale
@@ -211,7 +215,7 @@ def test_shipped_weights_fly_as_the_paper_says():
 def test_a_crash_may_cost_more_and_nothing_else_does():
     rewards = []
     for scale in (1.0, 3.0):
-        learner = DDQN.Learner(CPP, replace(TINY, crash_scale=scale, careful=0.0), 0)
+        learner = DDQN.Learner(CPP, replace(TINY, crash_scale=scale, safe_exploration=0.0), 0)
         for _ in range(30):
             learner._act(explore=True)
         rewards.append(learner._replay.arrays["reward"][:30])
@@ -225,11 +229,17 @@ def test_a_crash_may_cost_more_and_nothing_else_does():
 def test_the_papers_configuration_is_the_papers():
     """Section IV and the authors' configuration files."""
     paper = DDQN.CONFIGS["paper"]
-    assert (paper.updates, paper.environments, paper.batch, paper.segment, paper.trace) == (2_000_000, 1, 128, 1, 0.0)
-    assert (paper.replay, paper.prefill, paper.rate, paper.amsgrad) == (50_000, 25_000, 3e-5, True)
+    assert (paper.updates, paper.num_envs, paper.batch, paper.segment, paper.td_lambda) == (2_000_000, 1, 128, 1, 0.0)
+    assert (paper.buffer_size, paper.learning_starts, paper.learning_rate, paper.amsgrad) == (50_000, 25_000, 3e-5, True)
     assert (paper.discount, paper.soft_update, paper.temperature) == (0.95, 0.005, 0.1)
-    assert (paper.reward_scale, paper.budget_scale, paper.anywhere, paper.careful, paper.clip) == (1.0, 1.0, 0.0, 0.0, 0.0)
-    learner = DDQN.Learner(CPP, replace(paper, prefill=100, updates=10), 0)
+    assert (paper.reward_scale, paper.budget_scale, paper.random_start_fraction, paper.safe_exploration, paper.clip) == (
+        1.0,
+        1.0,
+        0.0,
+        0.0,
+        0.0,
+    )
+    learner = DDQN.Learner(CPP, replace(paper, learning_starts=100, updates=10), 0)
     for _ in range(3):
         learner.advance()
     assert learner.samples == 3 * 128

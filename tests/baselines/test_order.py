@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job
-from uavbench.metrics import compare
-from uavbench.reference import load_reference, reference_path
-from uavbench.run import run
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job
+from uavbench.evaluation.metrics import compare
+from uavbench.evaluation.reference import load_reference, reference_path
+from uavbench.evaluation.run import run
 
 pytest.importorskip("pyvrp", reason="orienteering needs PyVRP: pip install 'uavbench[planning]'")
 

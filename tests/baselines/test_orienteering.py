@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from worlds import COVERAGE, HARVESTING, draw_devices, draw_start, draw_targets, maps, scenario
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.city import HOVER, LAND
+from uavbench.agents.agent import find_agent
 from uavbench.envs.env import UAVEnv
-from uavbench.evaluate import Job, evaluate
-from uavbench.state_view import StateView
+from uavbench.evaluation.evaluate import Job, evaluate
+from uavbench.simulation.state_view import StateView
+from uavbench.world.city import HOVER, LAND
 
 pytest.importorskip("pyvrp", reason="needs the extra planning")
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job, evaluate
-from uavbench.train import Training, train
-from uavbench.weights import load_weights
+from uavbench.agents.agent import find_agent
+from uavbench.agents.weights import load_weights
+from uavbench.evaluation.evaluate import Job, evaluate
+from uavbench.learning.train import Training, train
 
 torch = pytest.importorskip("torch", reason="pilot needs PyTorch: pip install 'uavbench[ddqn]'")
 

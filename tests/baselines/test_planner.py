@@ -6,10 +6,10 @@ from worlds import COVERAGE, HARVESTING, scenario
 
 import uavbench
 from uavbench import load_scenario
-from uavbench.agent import find_agent
+from uavbench.agents.agent import find_agent
 from uavbench.envs.parallel_env import UAVParallelEnv
 from uavbench.planning import coverage, harvesting
-from uavbench.state_view import StateView
+from uavbench.simulation.state_view import StateView
 
 
 def fly(name, world, seed=1, changes=100_000, **options):

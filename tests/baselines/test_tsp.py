@@ -10,9 +10,9 @@ from flying import check_forgets, fly
 from worlds import COVERAGE, HARVESTING, scenario
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
+from uavbench.agents.agent import find_agent
 from uavbench.envs.env import UAVEnv
-from uavbench.state_view import StateView
+from uavbench.simulation.state_view import StateView
 
 SCENARIOS = ["Manhattan32-DH-v0", "Urban50-DH-v0", "Block8-DH-v0"]
 LONG = ["Manhattan32-DH-Long-v0", "Urban50-DH-Long-v0"]

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from worlds import draw_start, draw_targets, maps, scenario
 
 from uavbench.bounds.coverage import coverage_bound
-from uavbench.city import city_of
-from uavbench.missions.coverage import camera_views
+from uavbench.simulation.missions.coverage import camera_views
+from uavbench.world.city import city_of
 
 pytest.importorskip("highspy", reason="the bound needs highspy: pip install 'uavbench[planning]'")
 

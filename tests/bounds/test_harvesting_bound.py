@@ -13,11 +13,11 @@ from worlds import HARVESTING, draw_devices, draw_start, maps, scenario
 
 from uavbench import load_scenario
 from uavbench.bounds.harvesting import _NORMALS, _Problem, _spread, harvesting_bound
-from uavbench.bounds.worths import add_most, fill_rates
-from uavbench.city import city_of
-from uavbench.missions.channel import channel_of
+from uavbench.bounds.prices import add_most, fill_rates
 from uavbench.planning.harvesting import expected_rates, search
-from uavbench.simulator import Simulator
+from uavbench.simulation.missions.channel import channel_of
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.city import city_of
 
 STILL = {**HARVESTING, "fading_variance": {"los": 0.0, "nlos": 0.0}}
 ACTIONS = {(-1, 0): 0, (0, 1): 1, (1, 0): 2, (0, -1): 3, (0, 0): 4}
@@ -190,7 +190,7 @@ def test_descent_finds_that_one_cannot_be_in_two_places():
     world = scenario((".......L.......", *["#" * 15] * 3), {**STILL, "edge_snr": -35.0})
     for budget, most in ((18, 2.1), (22, 2.75), (26, 3.2)):  # data units, of 4; half of these are far from the other half
         bound = bound_of(world, (0, 7), budget, [[0, 0, 2.0], [0, 14, 2.0]])
-        assert bound.method == "worths"
+        assert bound.method == "prices"
         assert bound.value < most
 
 

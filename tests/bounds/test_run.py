@@ -4,14 +4,14 @@ import pytest
 from typer.testing import CliRunner
 
 from uavbench import ScenarioError, load_scenario
-from uavbench.agent import find_agent
+from uavbench.agents.agent import find_agent
 from uavbench.bounds import harvesting
 from uavbench.bounds import run as bounding
-from uavbench.cli import app
-from uavbench.evaluate import Job
-from uavbench.reference import Known, load_reference, save_reference
-from uavbench.results import ResultError
-from uavbench.run import run
+from uavbench.cli.app import app
+from uavbench.evaluation.evaluate import Job
+from uavbench.evaluation.reference import Known, load_reference, save_reference
+from uavbench.evaluation.results import ResultError
+from uavbench.evaluation.run import run
 
 pytest.importorskip("highspy", reason="the bound needs highspy: pip install 'uavbench[planning]'")
 

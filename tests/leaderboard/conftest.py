@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job
+from uavbench.evaluation.results import load_result
+from uavbench.evaluation.run import run
 from uavbench.leaderboard import page as pages
 from uavbench.leaderboard.board import build
 from uavbench.leaderboard.submit import submit
-from uavbench.results import load_result
-from uavbench.run import run
 
 CHROMIUM = shutil.which("chromium")
 OFFICIAL = Path(__file__).parent.parent.parent / "leaderboard"

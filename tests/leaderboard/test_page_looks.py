@@ -11,7 +11,7 @@ from PIL import Image
 from skimage.color import rgb2lab
 
 from uavbench import load_scenario
-from uavbench.episode import frozen_columns
+from uavbench.world.episode import frozen_columns
 
 SIZES = {
     "phone": {"viewport": {"width": 390, "height": 844}, "has_touch": True},

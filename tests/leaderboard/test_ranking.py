@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 
 from uavbench import load_scenario
+from uavbench.evaluation.metrics import interquartile_mean, mean_interval, paired_p_value, proportion_interval, significant
+from uavbench.evaluation.results import Result
 from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.ranking import OVERALL, Entry, rank
 from uavbench.leaderboard.reruns import Rerun
 from uavbench.leaderboard.submission import Manifest, Submission, Summary
 from uavbench.leaderboard.table import COLUMNS, table_text
-from uavbench.metrics import interquartile_mean, mean_interval, paired_p_value, proportion_interval, significant
-from uavbench.results import Result
 
 RANDOM = np.random.default_rng(7)
 BASE = {name: RANDOM.random(1000) for name in PAPER_SCENARIOS}

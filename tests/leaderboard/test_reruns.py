@@ -13,14 +13,14 @@ from boards import rewrite, row_of, rows, spoil
 from commands import uavbench_command as uavbench
 
 from uavbench import load_scenario
-from uavbench.agent import find_agent
-from uavbench.evaluate import Job
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job
+from uavbench.evaluation.run import run
 from uavbench.leaderboard.board import build
 from uavbench.leaderboard.claims import is_built_in
 from uavbench.leaderboard.reruns import Rerun, load_reruns, save_rerun
 from uavbench.leaderboard.submission import SubmissionError, load_submission
 from uavbench.leaderboard.submit import submit
-from uavbench.run import run
 
 OF_WEIGHTS = """
 from pathlib import Path
@@ -209,7 +209,7 @@ def test_an_agent_that_looks_for_the_simulator_finds_none_when_it_is_run_again(s
 
 @pytest.mark.slow
 def test_an_honest_agent_is_ranked_when_it_was_run_again(submissions, tmp_path):
-    text = (Path(__file__).parents[1] / "agents.py").read_text(encoding="utf-8").replace("class One", "class Agent")
+    text = (Path(__file__).parents[1] / "helpers" / "agents.py").read_text(encoding="utf-8").replace("class One", "class Agent")
     path = submitted(submissions, tmp_path, "honest", text.split("class Many")[0])
     told = uavbench("leaderboard", "rerun", submissions / "honest", "--agent", path, "--fresh", 100)
     assert (told.exit_code, "on 100 fresh episodes agrees with the submitted one" in told.output) == (0, True), told.output
@@ -280,10 +280,10 @@ def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submis
     path.rmdir()
     with monkeypatch.context() as patch:
         patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))
-        patch.setattr("uavbench.files.tempfile.TemporaryFile", lambda **where: _full())
+        patch.setattr("uavbench.world.files.tempfile.TemporaryFile", lambda **where: _full())
         told = uavbench(*words)
         assert (told.exit_code, "reruns.csv: No space left" in told.output) == (1, True), told.output
-    monkeypatch.setattr("uavbench.leaderboard.reruns.write_whole", _full)
+    monkeypatch.setattr("uavbench.leaderboard.reruns.write_atomic", _full)
     told = uavbench(*words, "--episodes", 2)
     assert (told.exit_code, "reruns.csv: No space left" in told.output) == (1, True), told.output
 
@@ -300,7 +300,7 @@ def test_an_interrupted_rerun_writes_down_what_was_compared(submissions, monkeyp
         if len(seen) == 6:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("uavbench.progress.EpisodesProgress.advance", advance)
+    monkeypatch.setattr("uavbench.cli.progress.EpisodesProgress.advance", advance)
     told = uavbench("leaderboard", "rerun", submissions / "greedy" / "Block8-CPP-v0", "--agent", "greedy", "--episodes", 20)
     assert (told.exit_code, "interrupted; that the actions of 6 episodes are the same" in told.output) == (1, True), told.output
     assert [rerun.episodes for rerun in load_reruns(submissions.parent / "reruns.csv").values()] == [6]

@@ -12,10 +12,10 @@ import tomli_w
 from pydantic import TypeAdapter, ValidationError
 
 import uavbench.leaderboard.submission as submission_module
-from uavbench.files import pack_arrays, unpack_arrays
+from uavbench.evaluation.results import Result, load_result
 from uavbench.leaderboard.submission import MANIFEST, SubmissionError, check, load_submission
 from uavbench.leaderboard.submit import submit
-from uavbench.results import Result, load_result
+from uavbench.world.files import pack_arrays, unpack_arrays
 
 FOLDER = "greedy/Block8-CPP-v0"
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from uavbench import load_scenario
-from uavbench.observation import Observer
 from uavbench.planning.belief import DeviceBelief, TargetBelief, places, static
-from uavbench.simulator import Simulator
+from uavbench.simulation.observation import Observer
+from uavbench.simulation.simulator import Simulator
 
 MAPS = ("Manhattan32", "Urban50")
 

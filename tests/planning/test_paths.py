@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import COVERAGE, maps, scenario
 
-from uavbench.city import city_of
 from uavbench.planning.paths import worthiest_way
+from uavbench.world.city import city_of
 
 
 def every_way(cell, onward):
@@ -24,7 +24,7 @@ def every_way(cell, onward):
 def test_no_shortest_way_home_is_worth_more(data):
     world = scenario(data.draw(maps()), COVERAGE)
     city = city_of(world)
-    cols, home = city.shape[1], city.home
+    cols, home = city.shape[1], city.distance_to_landing
     onward = {cell: int(home[cell]) for cell in np.ndindex(*city.shape) if home[cell] >= 0}
     start = data.draw(st.sampled_from(sorted(onward)))
     worth = np.array(data.draw(st.lists(st.integers(0, 9), min_size=home.size, max_size=home.size)), dtype=float)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from oracle import visible
 from worlds import COVERAGE, HARVESTING, draw_devices, draw_starts, draw_targets, maps, scenario
 
-from uavbench.city import city_of
 from uavbench.envs.parallel_env import UAVParallelEnv
 from uavbench.planning import coverage, harvesting
 from uavbench.planning.paths import FAR, distance_table
+from uavbench.world.city import city_of
 
 LAND = 5
 STEPS = {(-1, 0): 0, (0, 1): 1, (1, 0): 2, (0, -1): 3, (0, 0): 4}

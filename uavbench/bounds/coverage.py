@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.bounds.flow import cut_rows, network, violated_cuts
-from uavbench.city import city_of
-from uavbench.missions.coverage import camera_views
-from uavbench.parameters import Coverage
-from uavbench.scenario import Scenario
+from uavbench.simulation.missions.coverage import camera_views
+from uavbench.world.city import city_of
+from uavbench.world.parameters import Coverage
+from uavbench.world.scenario import Scenario
 
 Cell = tuple[int, int]
 
@@ -142,7 +142,7 @@ class _Problem:
         self._city = city = city_of(scenario)
         self.start, self.budget = start, budget
         away = city.distances(start)
-        usable = (away >= 0) & (city.home >= 0) & (away + city.home <= budget - 1)
+        usable = (away >= 0) & (city.distance_to_landing >= 0) & (away + city.distance_to_landing <= budget - 1)
         self.nodes = int(usable.sum())
         self.number = np.full(city.shape, -1, dtype=np.int32)
         self.number[usable] = np.arange(self.nodes)
@@ -151,7 +151,7 @@ class _Problem:
         self.edges: NDArray[np.int32] = edges[(edges >= 0).all(axis=1)]
         self.landing: list[int] = self.number[city.landing & usable].tolist()
         # Nothing is covered at the reset: to see from its start, the UAV hovers there or comes back.
-        viewing = usable & (np.maximum(away, 1) + city.home <= budget - 1)
+        viewing = usable & (np.maximum(away, 1) + city.distance_to_landing <= budget - 1)
         sizes: dict[tuple[int, ...], int] = {}
         for viewers in self._viewers(camera_views(scenario), scenario.mission.camera_size, viewing, targets):
             sizes[viewers] = sizes.get(viewers, 0) + 1

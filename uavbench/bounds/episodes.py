@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from uavbench.bounds.coverage import coverage_bound
 from uavbench.bounds.harvesting import harvesting_bound
-from uavbench.metrics import tolerance
+from uavbench.evaluation.metrics import tolerance
+from uavbench.evaluation.processes import work_apart
+from uavbench.evaluation.reference import SPLIT, Known, Reference
+from uavbench.evaluation.replay import fly_recorded
+from uavbench.evaluation.results import Result
 from uavbench.planning import coverage
-from uavbench.processes import work_apart
-from uavbench.reference import SPLIT, Known, Reference
-from uavbench.replay import fly_recorded
-from uavbench.results import Result
-from uavbench.scenario import Scenario, ScenarioError
-from uavbench.simulator import Simulator
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.scenario import Scenario, ScenarioError
 
 _PLAN_CHANGES = 500_000  # of the search for a plan where no result has one
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.kernel import kernel
+from uavbench.world.kernel import kernel
 
 _TINY = 1e-9  # capacity left that no longer counts: what it does to a cut is a matter of quality, never of validity
 

@@ -1,7 +1,7 @@
 """Upper bound of DH: how much data no policy can expect to collect on one episode. Proofs: docs/bounds.md.
 
-The data of a device are given a worth in every cell: low near the device, high far from it. Whatever the worths, they make a
-bound, which is the longest walk through time; the best worths are sought by gradient descent.
+The data of a device are given a price in every cell: low near the device, high far from it. Whatever the prices, they make a
+bound, which is the longest walk through time; the best prices are sought by gradient descent.
 """
 
 import math
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.bounds.worths import Graph, fill_gains, fill_gradient, fill_rates, fill_yields, fly, longest
-from uavbench.city import EAST, HOVER, OFFSETS, SOUTH, City, city_of
-from uavbench.missions.channel import channel_of
-from uavbench.parameters import Harvesting
-from uavbench.scenario import Scenario
+from uavbench.bounds.prices import Graph, fill_gains, fill_gradient, fill_rates, fill_yields, fly, longest
+from uavbench.simulation.missions.channel import channel_of
+from uavbench.world.city import EAST, HOVER, OFFSETS, SOUTH, City, city_of
+from uavbench.world.parameters import Harvesting
+from uavbench.world.scenario import Scenario
 
 Cell = tuple[int, int]
 
@@ -24,14 +24,14 @@ _NORMALS = np.array([-3.0, -2.0, -1.25, -0.5, 0.25, 1.0, 1.75, 2.5, 3.5, 6.0])  
 
 # Of the descent: from the first to the last round these fall geometrically.
 _TEMPERATURE = (1.0, 0.02)  # data units: how much worse than the best a flight may be and still count
-_BEND = (0.02, 0.0005)  # below such a fall of worth its price is a parabola
+_BEND = (0.02, 0.0005)  # below such a fall of price its charge is a parabola
 _STEP = (0.01, 0.0005)
 _CELLS = 0.3  # a cell's step, as a share of a ring's
 _MEAN, _SQUARE = 0.9, 0.98  # of Adam
 _EVERY = 10  # rounds between two bounds
 _HOPELESS = 1.2  # bounds that are as many times all data after a third of the rounds hardly ever fall below all data
 _RINGS = np.array([0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 30, 45, 200])  # moves from a device
-_RISE = 0.03  # of worth, from each of the first _STEEP rings to the next, to begin with
+_RISE = 0.03  # of price, from each of the first _STEEP rings to the next, to begin with
 _STEEP = 8
 
 
@@ -45,8 +45,8 @@ class Bound:
         Data units that a policy which lands collects.
     cr : float
         The same as a fraction of all data: the mean of CRAL cannot exceed it, either.
-    method : {"data", "rates", "worths"}
-        What gave the bound: all data there are, the rates of a flight without regard to what is left, or worths.
+    method : {"data", "rates", "prices"}
+        What gave the bound: all data there are, the rates of a flight without regard to what is left, or prices.
     rounds : int
         Rounds of the descent.
     """
@@ -91,14 +91,14 @@ def harvesting_bound(
     Notes
     -----
     Let s be the start, D_d the data of device d, and R_d its rate in a communication step at a position, which is random.
-    Given the worth u_d(c) ∈ [0, 1] of a data unit of every device in every cell, no policy expects more than ::
+    Given the price u_d(c) ∈ [0, 1] of a data unit of every device in every cell, no policy expects more than ::
 
         Σ D_d (1 − u_d(s)) + max over flights of Σ over their actions, from cell p to cell q, of
             Σ D_d max(0, u_d(p) − u_d(q)) + Σ over the communication steps of E max_d min(u_d(p), u_d(q)) R_d
 
-    since a unit that is served in a cell is worth u_d there, and what its worth lacks to 1 is paid for all D_d units, once, on
+    since a unit that is served in a cell is priced u_d there, and what its price lacks to 1 is paid for all D_d units, once, on
     the way to that cell: u_d falls by as much. The maximum is a longest walk through time, found by dynamic programming.
-    Every such bound is valid. A smooth version of it is minimised over the worths by Adam (Kingma and Ba, ICLR 2015).
+    Every such bound is valid. A smooth version of it is minimised over the prices by Adam (Kingma and Ba, ICLR 2015).
     """
     deadline = time.process_time() + seconds
     data = np.asarray(data, dtype=np.float64)
@@ -114,7 +114,7 @@ def harvesting_bound(
     if planned < value:
         best, used = _descend(problem, planned, rounds, deadline)
         if best < value:
-            value, method = best, "worths"
+            value, method = best, "prices"
     return Bound(value, min(value / total, 1.0), method, used)
 
 
@@ -138,7 +138,7 @@ class _Problem:
         city = city_of(scenario)
         channel = channel_of(scenario.mission, city.shape)
         away = city.distances(start)
-        usable = (away >= 0) & (city.home >= 0) & (away + city.home <= budget - 1)
+        usable = (away >= 0) & (city.distance_to_landing >= 0) & (away + city.distance_to_landing <= budget - 1)
         self.graph = graph = _graph_of(city, usable, away, start, budget)
         self.data, self._steps = data, channel.steps
         sight = np.array([city.visible(cell) for cell in devices.tolist()])
@@ -156,22 +156,22 @@ class _Problem:
         self._gain, self._often, self._gradient = np.zeros((n, 5)), np.zeros((n, 5)), np.zeros((n, count))
         self._policy = np.zeros((budget, n, 5), dtype=np.float32)
 
-    def look_at(self, worth: NDArray[np.float64]) -> None:
-        """Take the worths, shape (n, K), that are asked about next."""
-        self._worth = worth
-        fill_yields(self.graph, self._rates, self._steps, worth, self._chances, self._yields, self._slope)
+    def look_at(self, price: NDArray[np.float64]) -> None:
+        """Take the prices, shape (n, K), that are asked about next."""
+        self._price = price
+        fill_yields(self.graph, self._rates, self._steps, price, self._chances, self._yields, self._slope)
 
     def bound(self) -> float:
-        """Return the bound that the worths prove."""
-        fill_gains(self.graph, self._worth, self.data, self._yields, 0.0, self._gain)
-        lacking = float(self.data @ (1.0 - self._worth[self.graph.start]))
+        """Return the bound that the prices prove."""
+        fill_gains(self.graph, self._price, self.data, self._yields, 0.0, self._gain)
+        lacking = float(self.data @ (1.0 - self._price[self.graph.start]))
         return (lacking + longest(self.graph, self._gain) + self._missed) * (1.0 + _ROUNDING)
 
     def gradient(self, temperature: float, bend: float) -> NDArray[np.float64]:
         """Return the gradient, shape (n, K), of a smooth version of the bound."""
-        fill_gains(self.graph, self._worth, self.data, self._yields, bend, self._gain)
+        fill_gains(self.graph, self._price, self.data, self._yields, bend, self._gain)
         fly(self.graph, self._gain, temperature, self._policy, self._often)
-        fill_gradient(self.graph, self._worth, self.data, self._slope, bend, self._often, self._gradient)
+        fill_gradient(self.graph, self._price, self.data, self._slope, bend, self._often, self._gradient)
         return self._gradient
 
 
@@ -181,7 +181,7 @@ def _graph_of(city: City, usable: NDArray[np.bool_], away: NDArray[np.int32], st
     number = np.full((city.shape[0] + 2, city.shape[1] + 2), -1, dtype=np.int32)  # a margin around the map
     number[1:-1, 1:-1][usable] = np.arange(len(cells))
     beside = np.stack([number[cells[:, 0] + down + 1, cells[:, 1] + right + 1] for down, right in OFFSETS[: HOVER + 1]], axis=1)
-    return Graph(beside, away[usable], city.home[usable], int(number[start[0] + 1, start[1] + 1]), budget - 1)
+    return Graph(beside, away[usable], city.distance_to_landing[usable], int(number[start[0] + 1, start[1] + 1]), budget - 1)
 
 
 def _positions(cells: NDArray[np.float64], graph: Graph, steps: int) -> NDArray[np.float64]:
@@ -223,7 +223,7 @@ class _Adam:
 def _descend(problem: _Problem, planned: float, rounds: int, deadline: float) -> tuple[float, int]:
     """Return the best bound found, and the rounds it took; stop when it is what is ``planned``.
 
-    A worth is the sum of a part that depends on the moves from the device alone and one that is the cell's own.
+    A price is the sum of a part that depends on the moves from the device alone and one that is the cell's own.
     """
     by_ring, by_cell = _Adam(np.zeros(problem.rings.shape[1:])), _Adam(np.zeros(problem.rings.shape[:2]))
     by_ring.values[:, 1 : _STEEP + 1] = _RISE
@@ -234,12 +234,12 @@ def _descend(problem: _Problem, planned: float, rounds: int, deadline: float) ->
         if used == rounds // 3 and best > _HOPELESS * problem.data.sum():
             return best, used
         temperature, bend, step = (a * (b / a) ** (used / rounds) for a, b in (_TEMPERATURE, _BEND, _STEP))
-        worth = np.einsum("nkg,kg->nk", problem.rings, by_ring.values) + by_cell.values
-        problem.look_at(np.clip(worth, 0.0, 1.0))
+        price = np.einsum("nkg,kg->nk", problem.rings, by_ring.values) + by_cell.values
+        problem.look_at(np.clip(price, 0.0, 1.0))
         if used % _EVERY == 0 or used == rounds - 1:
             best = min(best, problem.bound())
         slope = problem.gradient(temperature, bend)
-        slope *= (slope > 0.0) & (worth > 0.0) | (slope < 0.0) & (worth < 1.0)  # beyond 0 and 1 only the way back counts
+        slope *= (slope > 0.0) & (price > 0.0) | (slope < 0.0) & (price < 1.0)  # beyond 0 and 1 only the way back counts
         by_ring.descend(np.einsum("nkg,nk->kg", problem.rings, slope), step)
         np.maximum(by_ring.values, 0.0, out=by_ring.values)
         by_cell.descend(slope, step * _CELLS)

@@ -4,8 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from uavbench.bounds.episodes import bound_episodes, check_boundable
-from uavbench.episode import split_size
-from uavbench.reference import (
+from uavbench.evaluation.reference import (
     SPLIT,
     Known,
     Reference,
@@ -15,8 +14,9 @@ from uavbench.reference import (
     reference_path,
     save_reference,
 )
-from uavbench.results import Result, ResultError
-from uavbench.scenario import Scenario
+from uavbench.evaluation.results import Result, ResultError
+from uavbench.world.episode import split_size
+from uavbench.world.scenario import Scenario
 
 
 def run_bounds(

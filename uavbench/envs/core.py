@@ -8,14 +8,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from uavbench.city import NUM_ACTIONS
-from uavbench.missions import Mission
-from uavbench.observation import Observer
-from uavbench.outcomes import successes_of
-from uavbench.scenario import SPLITS, Scenario, load_scenario
-from uavbench.simulator import Simulator
-from uavbench.slots import SimulatorState
-from uavbench.values import as_array, as_integer, shown
+from uavbench.simulation.missions import Mission
+from uavbench.simulation.observation import Observer
+from uavbench.simulation.outcomes import successes_of
+from uavbench.simulation.simulator import Simulator
+from uavbench.simulation.slots import SimulatorState
+from uavbench.world.city import NUM_ACTIONS
+from uavbench.world.scenario import SPLITS, Scenario, load_scenario
+from uavbench.world.values import as_array, as_integer, shown
 
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 8}
 

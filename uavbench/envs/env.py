@@ -23,9 +23,9 @@ from uavbench.envs.core import (
 )
 from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
-from uavbench.observation import Observation, Observer
-from uavbench.scenario import Scenario
-from uavbench.simulator import Simulator
+from uavbench.simulation.observation import Observation, Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.scenario import Scenario
 
 _SLOT = np.zeros(1, dtype=np.int64)
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from uavbench.episode import check_number, check_split, split_size
-from uavbench.scenario import SPLITS, Scenario, SplitName
-from uavbench.values import shown
+from uavbench.world.episode import check_number, check_split, split_size
+from uavbench.world.scenario import SPLITS, Scenario, SplitName
+from uavbench.world.values import shown
 
 ORDERS = ("random", "cycle")
 

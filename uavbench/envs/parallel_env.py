@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from pettingzoo.utils import parallel_to_aec  # pyright: ignore[reportMissingTypeStubs]
 from pettingzoo.utils.env import AECEnv, ParallelEnv  # pyright: ignore[reportMissingTypeStubs]
 
-from uavbench.city import HOVER, NUM_ACTIONS
 from uavbench.envs.core import (
     METADATA,
     SUCCESS_CR,
@@ -28,10 +27,11 @@ from uavbench.envs.core import (
 )
 from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
-from uavbench.observation import TEAM_LAYERS, Observer
-from uavbench.scenario import Scenario
-from uavbench.simulator import Simulator
-from uavbench.values import shown
+from uavbench.simulation.observation import TEAM_LAYERS, Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.city import HOVER, NUM_ACTIONS
+from uavbench.world.scenario import Scenario
+from uavbench.world.values import shown
 
 _SLOT = np.zeros(1, dtype=np.int64)
 
@@ -123,7 +123,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self.success_cr = check_success(success_cr)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
-        self.possible_agents = [f"uav_{u}" for u in range(self.scenario.most_uavs)]
+        self.possible_agents = [f"uav_{u}" for u in range(self.scenario.max_uavs)]
         self.agents: list[str] = []
         self._numbers = {agent: u for u, agent in enumerate(self.possible_agents)}
         # Each agent has spaces of its own: seeding the samples of one must not seed another's.

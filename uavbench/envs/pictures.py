@@ -3,9 +3,9 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from uavbench.drawing.trail import Trail
 from uavbench.envs.core import METADATA
-from uavbench.simulator import Simulator
-from uavbench.trail import Trail
+from uavbench.simulation.simulator import Simulator
 
 
 class Pictures:
@@ -69,7 +69,7 @@ class Pictures:
             return None
         if i not in self._trails:
             raise RuntimeError("no episode has begun: call reset() first")
-        from uavbench import render
+        from uavbench.drawing import raster as render
 
         if self._mode == "human":
             return self._show()
@@ -86,9 +86,9 @@ class Pictures:
         """Show slot 0 in the window."""
         if self._mode != "human":
             return
-        from uavbench.render import captioned, raster
-        from uavbench.scene import scene_of
-        from uavbench.window import Window
+        from uavbench.drawing.raster import captioned, raster
+        from uavbench.drawing.scene import scene_of
+        from uavbench.drawing.window import Window
 
         self._window = self._window or Window()
         scene = scene_of(self._simulator, 0, self._trails[0])

@@ -25,10 +25,10 @@ from uavbench.envs.core import (
 )
 from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
-from uavbench.observation import Observation, Observer
-from uavbench.scenario import Scenario, SplitName
-from uavbench.simulator import Simulator
-from uavbench.values import as_integer, as_list, shown
+from uavbench.simulation.observation import Observation, Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.scenario import Scenario, SplitName
+from uavbench.world.values import as_integer, as_list, shown
 
 _RENDER_MODES = [mode for mode in METADATA["render_modes"] if mode != "human"]
 _NO_LIMIT = np.iinfo(np.int64).max

@@ -10,8 +10,7 @@ from typing import Any, cast
 
 import joblib  # pyright: ignore[reportMissingTypeStubs]
 
-from uavbench.evaluate import EpisodeRecord
-from uavbench.files import finish_moves, write_together
+from uavbench.evaluation.evaluate import EpisodeRecord
 from uavbench.leaderboard.owners import FILE as OWNERS
 from uavbench.leaderboard.owners import Owners, load_owners, owners_text, why_not_its_own, with_new_names
 from uavbench.leaderboard.page import page_text
@@ -19,6 +18,7 @@ from uavbench.leaderboard.ranking import Entry, Row, rank
 from uavbench.leaderboard.reruns import load_reruns
 from uavbench.leaderboard.submission import MANIFEST, Submission, SubmissionError, check, load_submission
 from uavbench.leaderboard.table import table_text
+from uavbench.world.files import finish_moves, write_together
 
 _LONGEST = 300  # characters of a line about what is refused
 

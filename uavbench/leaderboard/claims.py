@@ -5,10 +5,10 @@ import hashlib
 from functools import lru_cache
 from pathlib import Path
 
-from uavbench import resources
-from uavbench.agent import find_agent
+from uavbench.agents.agent import find_agent
 from uavbench.leaderboard.submission import Manifest, Submission
-from uavbench.scenario import Scenario
+from uavbench.world import resources
+from uavbench.world.scenario import Scenario
 
 
 def is_built_in(submission: Submission) -> bool:
@@ -25,13 +25,13 @@ def is_built_in(submission: Submission) -> bool:
 
 
 def _digests(manifest: Manifest, scenario: Scenario) -> set[str]:
-    """Return the digests that the shipped agent has on a scenario: today's, and that of file and weights alone."""
+    """Return the digests that the shipped agent has on a scenario: today's, that of file and weights, and earlier ones."""
     source = find_agent(manifest.name)
     weights = resources.shipped_weights(manifest.name).get(scenario.id)
     plain = hashlib.sha256(source.path.read_bytes()).hexdigest()
     if weights:
         plain = hashlib.sha256((plain + hashlib.sha256(weights.read_bytes()).hexdigest()).encode()).hexdigest()
-    return {source.digest(scenario), plain}
+    return {source.digest(scenario), plain, *resources.earlier_digests().get(manifest.name, ())}
 
 
 @lru_cache

@@ -10,8 +10,8 @@ from typing import Any
 
 import tomli_w
 
-from uavbench.files import FileError, read_toml
 from uavbench.leaderboard.submission import MANIFEST, Manifest, Submission, SubmissionError
+from uavbench.world.files import FileError, read_toml
 
 FILE = "owners.toml"
 

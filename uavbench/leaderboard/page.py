@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.episode import frozen_columns
-from uavbench.keyed import QUANTILE
+from uavbench.evaluation.metrics import ROUNDING, Interval
 from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.ranking import Entry, Row
-from uavbench.metrics import ROUNDING, Interval
-from uavbench.scenario import Scenario
+from uavbench.world.episode import frozen_columns
+from uavbench.world.keyed import QUANTILE
+from uavbench.world.scenario import Scenario
 
 _ELSEWHERE = (1000, 500, 200, 100)  # flights to watch on scenarios other than the paper's: the most that the page has room for
 _ROOM = 10_000_000  # actions; they take a quarter of a byte each, and the page is to stay under 3 MB
@@ -91,7 +91,7 @@ def _scenario(scenario: Scenario, elsewhere: int, columns: list[dict[str, Any]])
     return {
         "id": scenario.id,
         "rows": scenario.rows,
-        "uavs": scenario.most_uavs,
+        "uavs": scenario.max_uavs,
         "mission": mission.model_dump(mode="json"),
         "channel": mission.viewer(scenario.shape),
         "recorded": scenario.splits.test.episodes,

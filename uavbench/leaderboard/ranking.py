@@ -9,13 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.agent import TRACKS
-from uavbench.evaluate import EpisodeRecord
-from uavbench.leaderboard.claims import is_built_in
-from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
-from uavbench.leaderboard.reruns import Rerun, actions_digest, fresh_text
-from uavbench.leaderboard.submission import Submission
-from uavbench.metrics import (
+from uavbench.agents.agent import TRACKS
+from uavbench.evaluation.evaluate import EpisodeRecord
+from uavbench.evaluation.metrics import (
     ROUNDING,
     Interval,
     interquartile_mean,
@@ -24,8 +20,12 @@ from uavbench.metrics import (
     proportion_interval,
     significant,
 )
-from uavbench.reference import gaps_of
-from uavbench.results import table_of
+from uavbench.evaluation.reference import gaps_of
+from uavbench.evaluation.results import table_of
+from uavbench.leaderboard.claims import is_built_in
+from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
+from uavbench.leaderboard.reruns import Rerun, actions_digest, fresh_text
+from uavbench.leaderboard.submission import Submission
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,7 +5,7 @@ written down here, with the digests of both, so that another file of actions is 
 
 An agent can take the same actions because it plays them back: the test episodes are public, and so are the flights. So it also
 flies episodes that nobody has published, drawn from a key that whoever reruns it chooses; the score there must be the same, as
-far as chance allows. An agent on the observation track does all that in a process of its own (`uavbench.apart`).
+far as chance allows. An agent on the observation track does all that in a process of its own (`uavbench.agents.apart`).
 """
 
 import csv
@@ -21,11 +21,11 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.agent import AgentSource
-from uavbench.apart import ApartSource
-from uavbench.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.files import TABLE_BYTES, FileError, check_writable, read_bounded, read_text, write_whole
+from uavbench.agents.agent import AgentSource
+from uavbench.agents.apart import ApartSource
+from uavbench.evaluation.evaluate import EpisodeRecord, Job, evaluate
 from uavbench.leaderboard.submission import LARGEST, Submission, SubmissionError, check
+from uavbench.world.files import TABLE_BYTES, FileError, check_writable, read_bounded, read_text, write_atomic
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def save_rerun(path: Path, rerun: Rerun) -> None:
     writer.writeheader()
     writer.writerows(asdict(known[name]) for name in sorted(known))
     try:
-        write_whole(path, text.getvalue().encode())
+        write_atomic(path, text.getvalue().encode())
     except OSError as error:
         raise SubmissionError(f"{path}: {error.strerror}: nothing was written") from None
 

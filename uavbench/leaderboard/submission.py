@@ -13,16 +13,16 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, ValidationError, field_validator
 
-from uavbench.agent import Track
+from uavbench.agents.agent import Track
 from uavbench.errors import UavbenchError
-from uavbench.evaluate import EpisodeRecord
-from uavbench.files import TOML_BYTES, check_name, read_toml
-from uavbench.metrics import CONFIDENCE
-from uavbench.parameters import Record
-from uavbench.replay import fly_all_recorded
-from uavbench.resources import scenario_paths
-from uavbench.results import Result, ResultError, checked_result
-from uavbench.scenario import Scenario, load_scenario
+from uavbench.evaluation.evaluate import EpisodeRecord
+from uavbench.evaluation.metrics import CONFIDENCE
+from uavbench.evaluation.replay import fly_all_recorded
+from uavbench.evaluation.results import Result, ResultError, checked_result
+from uavbench.world.files import TOML_BYTES, check_name, read_toml
+from uavbench.world.parameters import Record
+from uavbench.world.resources import scenario_paths
+from uavbench.world.scenario import Scenario, load_scenario
 
 MANIFEST = "manifest.toml"
 #: The files of a submission, and the bytes that each may have.

@@ -11,7 +11,7 @@ from typing import Any, cast
 import tomli_w
 from pydantic import ValidationError
 
-from uavbench.files import ARRAYS_BYTES, FileError, read_bounded, read_toml, replace_folders
+from uavbench.evaluation.results import Result
 from uavbench.leaderboard.owners import FILE as OWNERS
 from uavbench.leaderboard.owners import Owners, load_owners, why_not_its_own
 from uavbench.leaderboard.submission import (
@@ -24,7 +24,7 @@ from uavbench.leaderboard.submission import (
     load_submission,
     shipped,
 )
-from uavbench.results import Result
+from uavbench.world.files import ARRAYS_BYTES, FileError, read_bounded, read_toml, replace_folders
 
 
 def submit(

@@ -5,9 +5,9 @@ import io
 import math
 from collections.abc import Sequence
 
+from uavbench.evaluation.metrics import METRICS, Interval
+from uavbench.evaluation.spreadsheet import plain_cell
 from uavbench.leaderboard.ranking import Row
-from uavbench.metrics import METRICS, Interval
-from uavbench.spreadsheet import plain_cell
 
 COLUMNS = (
     *("scenario", "track", "track_known_by", "rank", "name", "authors", "link", "training", "tier", "rerun_episodes"),

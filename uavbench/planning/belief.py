@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import City, city_of
-from uavbench.kernel import kernel
-from uavbench.observation import Observation, Observer
-from uavbench.scenario import Scenario
-from uavbench.state import new_state
+from uavbench.simulation.observation import Observation, Observer
+from uavbench.simulation.state import new_state
+from uavbench.world.city import City, city_of
+from uavbench.world.kernel import kernel
+from uavbench.world.scenario import Scenario
 
 Cell = tuple[int, int]
 

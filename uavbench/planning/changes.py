@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.kernel import kernel
 from uavbench.planning.paths import FAR, pick, walk
+from uavbench.world.kernel import kernel
 
 
 @kernel

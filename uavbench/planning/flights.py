@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import City
 from uavbench.planning.paths import distance_table, walk
+from uavbench.world.city import City
 
 Cell = tuple[int, int]
 

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import city_of
-from uavbench.kernel import kernel
-from uavbench.keyed import next_uniform
-from uavbench.missions.channel import Channel, channel_of, log_snr_of
-from uavbench.parameters import Harvesting
 from uavbench.planning.changes import propose
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
 from uavbench.planning.paths import distance_table, pick
-from uavbench.scenario import Scenario
+from uavbench.simulation.missions.channel import Channel, channel_of, log_snr_of
+from uavbench.world.city import city_of
+from uavbench.world.kernel import kernel
+from uavbench.world.keyed import next_uniform
+from uavbench.world.parameters import Harvesting
+from uavbench.world.scenario import Scenario
 
 _LENGTH_PRICE = 0.02  # data units that a move must be worth: shorter flights leave room for more
 HOT, _COLD = 1.5, 0.03

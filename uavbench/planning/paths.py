@@ -5,9 +5,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.city import City
-from uavbench.kernel import kernel
-from uavbench.keyed import next_integer
+from uavbench.world.city import City
+from uavbench.world.kernel import kernel
+from uavbench.world.keyed import next_integer
 
 #: In place of a distance where there is no way.
 FAR = np.int16(np.iinfo(np.int16).max)

@@ -23,7 +23,7 @@ const World = (() => {
     return Object.fromEntries(names.map((name, k) => [name, found[k]]));
   }
 
-  // Random numbers from keys, as uavbench/keyed.py.
+  // Random numbers from keys, as uavbench/world/keyed.py.
   function mix(z) {
     z = ((z ^ (z >> 30n)) * 0xBF58476D1CE4E5B9n) & WORD;
     z = ((z ^ (z >> 27n)) * 0x94D049BB133111EBn) & WORD;

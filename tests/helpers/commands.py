@@ -1,0 +1,28 @@
+"""Commands in tests, and results to give them."""
+
+import json
+import shutil
+
+from typer.testing import CliRunner
+
+from uavbench.cli.app import app
+
+
+def uavbench_command(*arguments):
+    return CliRunner().invoke(app, [str(each) for each in arguments])
+
+
+def renamed(result, folder, agent):
+    """Copy a result, of an agent that is called so."""
+    shutil.copytree(result.folder, folder)
+    (folder / "summary.json").write_text(json.dumps({**result.summary, "agent": agent}), encoding="utf-8")
+    return folder
+
+
+def damaged(result, folder, **changes):
+    """Copy a result, and change its files: text by name, or a function of the text."""
+    shutil.copytree(result.folder, folder)
+    for name, change in changes.items():
+        path = folder / name.replace("_", ".", 1)
+        path.write_text(change(path.read_text(encoding="utf-8")), encoding="utf-8")
+    return folder

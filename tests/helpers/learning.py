@@ -1,0 +1,34 @@
+"""A training so small that it takes a second, for tests of what learns. Skips who imports it where PyTorch is missing."""
+
+from dataclasses import replace
+
+import pytest
+
+from uavbench import load_scenario
+from uavbench.agents.agent import find_agent
+from uavbench.agents.weights import load_weights
+from uavbench.learning.train import Training
+
+torch = pytest.importorskip("torch", reason="learning needs PyTorch: pip install 'uavbench[ddqn]'")
+pytest.importorskip("safetensors", reason="learning needs safetensors: pip install 'uavbench[ddqn]'")
+
+SOURCE = find_agent("ddqn")
+DDQN = SOURCE.module()
+CPP, DH = load_scenario("Block8-CPP-v0"), load_scenario("Block8-DH-v0")
+TINY = replace(
+    DDQN.CONFIGS["fast"], updates=40, num_envs=8, batch=4, segment=3, buffer_size=256, learning_starts=64, validation=20
+)
+
+
+def training(config=TINY, scenario=CPP, seed=0):
+    return Training(SOURCE, scenario, "tiny", config, seed)
+
+
+def weights_of(path):
+    return {name: array.tobytes() for name, array in load_weights(path)[0].items()}
+
+
+def spoilt(arrays, name, array):
+    """Return arrays with one of them changed, or without it where ``array`` is None."""
+    found = {**arrays, name: array}
+    return {key: value for key, value in found.items() if value is not None}

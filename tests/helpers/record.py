@@ -1,0 +1,60 @@
+"""Recording episodes for golden digests: what an id means, as bytes."""
+
+import hashlib
+import sys
+
+import numpy as np
+
+from uavbench import load_scenario
+from uavbench.simulation.observation import Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.keyed import mix
+
+EPISODES = 200
+
+
+def actions(step, count):
+    """Actions that wander: any but ``land``, which comes eight times less often than the others."""
+    bits = [int(mix(np.uint64(1_000_003 * step + k))) for k in range(count)]
+    return np.array([5 if b % 41 == 0 else (b >> 8) % 5 for b in bits])
+
+
+def digest(name):
+    """Return the SHA-256 of 200 test episodes: every reward, end, mask, CR and observation.
+
+    CPP is hashed to the last bit; DH rounded to 1e-6, since its logarithms differ between platforms in the last digits.
+    """
+    scenario = load_scenario(name)
+    exact = scenario.mission.kind == "coverage"
+    sha = hashlib.sha256()
+
+    def add(values):
+        values = np.asarray(values)
+        if values.dtype.kind == "f" and not exact:
+            values = np.round(values.astype(np.float64) * 1e6).astype(np.int64)
+        sha.update(np.ascontiguousarray(values).tobytes())
+
+    simulator = Simulator(scenario, EPISODES)
+    observer = Observer(scenario)
+    index, uavs = np.arange(EPISODES), np.arange(EPISODES * scenario.max_uavs)
+    shape = (EPISODES, scenario.max_uavs) if scenario.team else EPISODES
+    simulator.reset(index, "test", index)
+    step = 0
+    while True:
+        observation = observer.empty(len(uavs))
+        observer.write(simulator.state, uavs, observation)
+        for part in ("local", "global", "budget"):
+            add(observation[part])
+        add(simulator.action_mask())
+        if simulator.state.done.all():
+            break
+        simulator.step(actions(step, len(uavs)).reshape(shape))
+        step += 1
+        for part in (simulator.state.reward, simulator.state.done, *simulator.outcomes(index).values()):
+            add(part)
+    return sha.hexdigest()
+
+
+if __name__ == "__main__":
+    for scenario_id in sys.argv[1:]:
+        print(f'    "{scenario_id}": "{digest(scenario_id)}",')

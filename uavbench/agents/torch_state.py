@@ -1,0 +1,94 @@
+"""PyTorch's networks and optimisers as arrays by name, and back: what a learner's checkpoint is made of. No pickles."""
+
+import importlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.agents.weights import WeightsError
+from uavbench.world.scenario import Scenario
+
+Arrays = dict[str, NDArray[Any]]
+
+
+def tensors(observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return an observation's arrays as tensors, maps in the memory format that convolutions like: channels last."""
+    torch: Any = importlib.import_module("torch")
+    found = {name: torch.from_numpy(values) for name, values in observation.items()}
+    return {
+        name: values.contiguous(memory_format=torch.channels_last) if values.dim() == 4 else values
+        for name, values in found.items()
+    }
+
+
+def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
+    """Return the arrays of networks, by their names, and of the optimiser's moments.
+
+    Parameters
+    ----------
+    networks : mapping of str to torch.nn.Module
+        Names without a dot, none of them "optimizer".
+    optimizer : torch.optim.Optimizer
+    """
+    arrays: Arrays = {}
+    for name, network in networks.items():
+        arrays |= {f"{name}.{part}": tensor.numpy() for part, tensor in network.state_dict().items()}
+    for k, moments in optimizer.state_dict()["state"].items():
+        arrays |= {f"optimizer.{k}.{part}": tensor.numpy() for part, tensor in moments.items()}
+    return arrays
+
+
+def unpack_network(arrays: Mapping[str, NDArray[Any]], network: Any, path: Path, scenario: Scenario) -> None:
+    """Set a network made for a scenario to the arrays of the weights' file ``path``.
+
+    Raises
+    ------
+    WeightsError
+        When they are of another network: the message names the file and the first array that differs.
+    """
+    torch: Any = importlib.import_module("torch")
+    wanted = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    for name in sorted(wanted.keys() | arrays.keys()):
+        found = arrays[name].shape if name in arrays else None
+        if wanted.get(name) != found:
+            differs = f"{name} has shape {found}, expected {wanted.get(name)}"
+            raise WeightsError(f"{path}: does not fit {scenario.id}, or is of another agent: {differs}")
+    try:
+        network.load_state_dict(_finite(arrays, torch))
+    except ValueError as error:
+        raise WeightsError(f"{path}: {error}") from None
+
+
+def _finite(arrays: Mapping[str, NDArray[Any]], torch: Any) -> dict[str, Any]:
+    """Return arrays as tensors, if all are numbers."""
+    for name, array in arrays.items():
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name}: holds numbers that are not finite")
+    return {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()}
+
+
+def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], optimizer: Any) -> None:
+    """Set networks and the optimiser as `pack` found them.
+
+    Raises
+    ------
+    KeyError, RuntimeError, ValueError
+        When the arrays are of other networks, or not finite.
+    """
+    torch: Any = importlib.import_module("torch")
+    groups: dict[str, Arrays] = {}
+    for name, array in arrays.items():
+        group, _, part = name.partition(".")
+        groups.setdefault(group, {})[part] = array
+    for name, network in networks.items():
+        network.load_state_dict(_finite(groups[name], torch))
+    parameters = [each for group in optimizer.param_groups for each in group["params"]]
+    state: dict[int, dict[str, Any]] = {}
+    for name, array in groups.get("optimizer", {}).items():
+        k, _, part = name.partition(".")
+        like = torch.zeros_like(parameters[int(k)]) if array.shape else torch.zeros(())  # laid out in memory as it was
+        state.setdefault(int(k), {})[part] = like.copy_(torch.from_numpy(np.array(array)))
+    optimizer.load_state_dict({**optimizer.state_dict(), "state": state})

@@ -1,0 +1,349 @@
+"""The commands. No logic is in them: each loads, calls one function of the library, and prints."""
+
+import io
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavbench.cli import leaderboard, learning, pictures
+from uavbench.cli.shared import DecisionTimeout, ResultFolder, ScenarioFile, fail, flown, number
+from uavbench.cli.speed import speed
+from uavbench.evaluation.interrupt import terminating_interrupts
+
+app = typer.Typer(
+    epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    """Print the version and end, when it is asked for."""
+    if wanted:
+        from uavbench import __version__
+
+        typer.echo(f"uavbench {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def main(
+    context: typer.Context,
+    _version_wanted: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Benchmark suite for UAV path planning: coverage (CPP) and data harvesting (DH) on grid cities."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without "×" shows "?" rather than a traceback
+    context.with_resource(terminating_interrupts())
+
+
+@app.command("list", epilog="\b\nExample:\n  uavbench list")
+def list_scenarios() -> None:
+    """List the scenarios."""
+    from rich.console import Console
+
+    from uavbench import load_scenario, scenario_ids
+    from uavbench.cli.display import scenario_table
+
+    Console().print(scenario_table(load_scenario(name) for name in scenario_ids()))
+
+
+@app.command(epilog="\b\nExample:\n  uavbench show Manhattan32-CPP-v0")
+def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")]) -> None:
+    """Show a scenario's parameters and map."""
+    from rich.console import Console
+
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.cli.display import scenario_text
+
+    try:
+        Console(highlight=False, soft_wrap=True).print(scenario_text(load_scenario(scenario)))
+    except UavbenchError as error:
+        raise fail(error) from None
+
+
+@app.command(epilog="\b\nExample:\n  uavbench new my_agent.py")
+def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> None:
+    """Write a template of an agent."""
+    from uavbench import UavbenchError
+    from uavbench.agents.agent import write_template
+
+    try:
+        write_template(path)
+    except UavbenchError as error:
+        raise fail(error) from None
+    typer.echo(f"wrote {path}; next:  uavbench check {path}")
+
+
+@app.command(epilog="\b\nExample:\n  uavbench check my_agent.py")
+def check(
+    agent: Annotated[str, typer.Argument(help="path.py, path.py:Class, or a built-in's name.")],
+    scenario: Annotated[
+        list[str] | None, typer.Option(help="Where to fly instead of Block8-CPP-v0 and Block8-DH-v0; repeatable.")
+    ] = None,
+    decision_timeout: DecisionTimeout = 60.0,
+) -> None:
+    """Check that an agent keeps the contract.
+
+    It is flown on Block8; what is wrong is said in one line.
+    """
+    from uavbench import UavbenchError
+    from uavbench.agents.agent import find_agent
+    from uavbench.evaluation.check import SCENARIOS, check_agent
+
+    try:
+        checked = check_agent(find_agent(agent), scenario or SCENARIOS, decision_timeout)
+    except UavbenchError as error:
+        raise fail(error, 1) from None
+    scores = ", ".join(f"CRAL {100 * cral:.0f} % on {name}" for name, cral in checked.cral.items())
+    typer.echo(f"{agent} keeps the contract: {checked.decisions_per_second:,.0f} decisions/s, {scores}")
+
+
+@app.command(
+    epilog="\b\nExamples:\n  uavbench evaluate --agent my_agent.py\n"
+    "  uavbench evaluate --agent greedy --scenario Urban50-DH-v0 --episodes 100 --workers 2\n"
+    "  uavbench evaluate --agent my_agent.py --scenario all --resume"
+)
+def evaluate(
+    agent: Annotated[
+        str,
+        typer.Option(
+            help="path.py, path.py:Class, package.module:Class, a .safetensors or .onnx file, or a built-in: boustrophedon, "
+            "ddqn, greedy, orienteering, pilot, planner, random, tsp."
+        ),
+    ],
+    scenario: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="An id, the path of a .toml file, or 'all'; repeatable. By default what the weights were trained on, "
+            "and Manhattan32-CPP-v0 where there are none."
+        ),
+    ] = None,
+    weights: Annotated[Path | None, typer.Option(help="What your own agent's file is to fly with.")] = None,
+    name: Annotated[str | None, typer.Option(help="What the results are filed under; by default the file's name.")] = None,
+    transfer: Annotated[
+        bool, typer.Option("--transfer", help="Let weights fly on another map than they were trained on; the result says so.")
+    ] = False,
+    split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
+    episodes: Annotated[
+        int | None, typer.Option(min=1, help="How many, from 0 on; by default all of the split, and 1000 of train.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Where results go.")] = Path("results"),
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    decision_timeout: DecisionTimeout = 60.0,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run; keep finished ones.")] = False,
+    overwrite: Annotated[
+        bool,
+        typer.Option(
+            "--overwrite", help="Replace even a result, or a begun run, of another split, of more episodes or of another agent."
+        ),
+    ] = False,
+) -> None:
+    """Score an agent over a split's episodes.
+
+    Prints Landed, CR and CRAL, each with its 95 % confidence interval, and the gaps to the upper bounds and to the best known
+    flights where the scenario has them.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError
+    from uavbench.agents.agent import find_agent
+    from uavbench.cli.display import gaps_text, result_table
+    from uavbench.cli.progress import episodes_progress
+    from uavbench.evaluation.evaluate import AgentDeclinedError, AgentError
+    from uavbench.evaluation.reference import gaps
+    from uavbench.evaluation.run import jobs, run
+
+    console, start, status = Console(), Path.cwd(), 0
+    try:
+        source = replace(find_agent(agent, weights, name), transfer=transfer)
+        planned = jobs(source, scenario, split, episodes, decision_timeout)
+    except UavbenchError as error:
+        raise fail(error) from None
+    out = start / out  # whatever an agent does to the current folder
+    for job, count, optional in planned:
+        try:
+            with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
+                result = run(
+                    job,
+                    count,
+                    out,
+                    workers=workers,
+                    resume=resume,
+                    overwrite=overwrite,
+                    on_start=lambda count=count: progress.show(count),
+                    on_record=lambda record: progress.advance(record.cral),
+                )
+            console.print(result_table(result))
+            known = gaps(result, job.scenario)
+            if known:
+                console.print(gaps_text(known), highlight=False)
+            folder = result.folder.relative_to(start) if result.folder.is_relative_to(start) else result.folder
+            console.print(
+                f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; {folder}",
+                highlight=False,
+                soft_wrap=True,
+            )
+        except AgentDeclinedError as error:
+            if optional:
+                typer.echo(f"{job.scenario.id}: left out: {error.reason}", err=True)
+            else:
+                status = fail(error, 1).exit_code
+        except UavbenchError as error:  # the other scenarios are flown all the same
+            status = fail(error, 1 if isinstance(error, AgentError) or len(planned) > 1 else 2).exit_code
+        except KeyboardInterrupt as error:
+            error.args = ("interrupted",)
+            raise fail(error, 1) from None
+    if status:
+        raise typer.Exit(status)
+
+
+@app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
+def replay(
+    folder: ResultFolder,
+    scenario: ScenarioFile = None,
+) -> None:
+    """Simulate a result again from its actions.
+
+    Every number must come out the same.
+    """
+    from uavbench import UavbenchError
+    from uavbench.evaluation.replay import replay as replay_result
+
+    try:
+        result = flown(folder)
+        wrong = replay_result(result, scenario)
+    except UavbenchError as error:
+        raise fail(error) from None
+    if wrong:
+        more = f"\n… and {len(wrong) - 10} more" if len(wrong) > 10 else ""
+        raise fail(f"{folder} is not reproduced:\n" + "\n".join(wrong[:10]) + more, 1)
+    typer.echo(f"{folder}: all {result.summary['episodes']} episodes reproduced, every number")
+
+
+@app.command(epilog="\b\nExample:\n  uavbench compare results/Manhattan32-CPP-v0/greedy results/Manhattan32-CPP-v0/random")
+def compare(first: ResultFolder, second: ResultFolder) -> None:
+    """Compare two agents on the same episodes.
+
+    Prints paired differences and the probability that the first is better, with their intervals.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError
+    from uavbench.cli.display import comparison_table
+    from uavbench.evaluation.replay import compare_results
+
+    try:
+        a, b = flown(first), flown(second)
+        found, episodes = compare_results(a, b)
+        Console().print(comparison_table(a, b, found, episodes))
+    except UavbenchError as error:
+        raise fail(error) from None
+
+
+@app.command(
+    epilog="\b\nExamples:\n  uavbench bound Manhattan32-CPP-v0 --episodes 10\n"
+    "  uavbench bound Manhattan32-CPP-v0 --result results/Manhattan32-CPP-v0/my_agent --workers 2"
+)
+def bound(
+    scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")],
+    episodes: Annotated[int | None, typer.Option(min=0, help="Bound test episodes from 0 on, so many; all by default.")] = None,
+    result: Annotated[
+        list[Path] | None,
+        typer.Option(help="A folder that evaluate wrote, or a submission's: its scores count where they are best; repeatable."),
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(min=0.0, callback=number, help="Seconds of processor time that a bound may take.")
+    ] = 20.0,
+    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    out: Annotated[Path, typer.Option(help="The folder of the table, <scenario>.csv.")] = Path("reference"),
+) -> None:
+    """Compute what no agent can exceed on test episodes.
+
+    Writes a table of upper bounds and best known scores, and prints their means. It goes on from the table that is there or,
+    if there is none, from the scenario's own: only bounds that are missing, or may gain by more seconds, are computed.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.bounds.run import run_bounds
+    from uavbench.cli.display import reference_table
+    from uavbench.cli.progress import episodes_progress
+
+    console = Console()
+    try:
+        loaded, results = load_scenario(scenario), [flown(folder) for folder in result or ()]
+        with episodes_progress(console, f"bounds of {loaded.id}", "upper bound") as progress:
+            known = run_bounds(
+                loaded,
+                episodes,
+                results,
+                out,
+                seconds=seconds,
+                workers=workers,
+                on_start=progress.show,
+                on_known=lambda known: progress.advance(known.upper_bound),
+            )
+        console.print(reference_table(loaded, known))
+        console.print(str(out / f"{loaded.id}.csv"), highlight=False, soft_wrap=True)
+    except (UavbenchError, ImportError) as error:
+        raise fail(error) from None
+    except KeyboardInterrupt:
+        raise fail(f"interrupted; what is done is kept in {out}, and the same command goes on", 1) from None
+
+
+@app.command(epilog="\b\nExample:\n  uavbench freeze my_city.toml")
+def freeze(
+    scenario: Annotated[Path, typer.Argument(help="The path of a .toml file.")],
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Draw frozen episodes anew, of a scenario of which nobody has seen a result.")
+    ] = False,
+) -> None:
+    """Freeze a scenario's episodes in files.
+
+    Prints the lines that name them, for the scenario's file.
+    """
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.simulation.freeze import freeze as freeze_scenario
+
+    try:
+        loaded = load_scenario(scenario)
+        lines = freeze_scenario(loaded, replace=replace)
+    except UavbenchError as error:
+        raise fail(error) from None
+    typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")
+
+
+app.command(
+    epilog="\b\nExamples:\n  uavbench speed\n  uavbench speed --scenario Manhattan32-CPP-v0 --rounds 30 --json speed.json"
+)(speed)
+app.command(
+    epilog="\b\nExamples:\n  uavbench train ddqn --scenario Manhattan32-CPP-v0\n"
+    "  uavbench train ddqn --scenario Urban50-DH-v0 --config my_config.toml --seed 1 --resume\n"
+    "  uavbench train ddqn --scenario Urban50-DH-v0 --config finish --from runs/Urban50-DH-v0/ddqn-fast-0.safetensors\n"
+    "  uavbench evaluate --agent runs/Manhattan32-CPP-v0/ddqn-fast-0.safetensors"
+)(learning.train)
+app.command(
+    epilog="\b\nExamples:\n  uavbench export ddqn model.onnx --scenario Manhattan32-CPP-v0\n"
+    "  uavbench evaluate --agent model.onnx"
+)(learning.export)
+app.command(
+    epilog="\b\nExample:\n  uavbench submit results/*/my_agent --name 'My agent' --authors 'A. Author' --authors 'B. Author'"
+)(leaderboard.submit)
+app.add_typer(leaderboard.app, name="leaderboard")
+app.command(epilog="\b\nExample:\n  uavbench plot results/Manhattan32-CPP-v0/my_agent --episode 17 --out flight.pdf")(
+    pictures.plot
+)
+app.command(epilog="\b\nExample:\n  uavbench film results/Manhattan32-CPP-v0/my_agent --episode 17 --out flight.gif")(
+    pictures.film
+)
+app.command(epilog="\b\nExample:\n  uavbench play Block8-DH-v0")(pictures.play)
+app.command(epilog="\b\nExample:\n  uavbench report results/Manhattan32-CPP-v0/* --out report")(pictures.report)

@@ -1,0 +1,184 @@
+"""What the commands print: tables and maps."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from rich import box
+from rich.console import Group
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from uavbench.errors import one_line
+from uavbench.evaluation.metrics import NAMES
+from uavbench.world.scenario import BUILDING, LANDING, NO_FLY, Scenario
+
+if TYPE_CHECKING:  # listing scenarios must not wait for a compiler
+    from uavbench.evaluation.metrics import Comparison, Interval
+    from uavbench.evaluation.reference import Gaps, Reference
+    from uavbench.evaluation.results import Result
+    from uavbench.leaderboard.ranking import Row
+    from uavbench.speed.measure import Speed
+
+_LONGEST_HEAD = 20  # characters of an agent's name in a column's head
+_STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
+
+
+def scenario_table(scenarios: Iterable[Scenario]) -> Table:
+    """Return the table of `uavbench list`."""
+    table = Table(box=None, header_style="bold")
+    for column in ("id", "map", "mission", "UAVs", "budget", "targets"):
+        table.add_column(column, no_wrap=True)
+    for scenario in scenarios:
+        shape, budget = "{}×{}".format(*scenario.shape), "{}–{}".format(*scenario.budget)
+        uavs = "{}–{}".format(*scenario.uavs) if scenario.uavs else "1"
+        table.add_row(scenario.id, shape, scenario.mission.kind, uavs, budget, scenario.mission.targets)
+    return table
+
+
+def speed_tables(speeds: "Iterable[Speed]") -> Iterator[Table]:
+    """Return the tables of `uavbench speed`, one for each task; they fit in 80 columns."""
+    for task, rows in groupby(speeds, key=lambda speed: speed.task):
+        table = Table(
+            title=escape(task), title_justify="left", title_style="bold", box=None, header_style="dim", padding=(0, 1)
+        )
+        table.add_column("interface", min_width=13, no_wrap=True)
+        for column, width in (("envs", 5), ("threads", 7), ("steps/s", 10), ("µs/step", 7), ("bytes", 6), ("GB/s", 5)):
+            table.add_column(column, justify="right", min_width=width, no_wrap=True)
+        table.add_column("copy/step", justify="right", no_wrap=True)
+        for speed in rows:
+            counted = [f"{speed.environments:,}", str(speed.threads), f"{speed.steps_per_second:,.0f}"]
+            written = [f"{speed.bytes:,}", f"{speed.bytes / speed.microseconds / 1000:.2f}"] if speed.bytes else ["", ""]
+            copied = f"{speed.copying / speed.microseconds:.2f}" if speed.copying else ""
+            table.add_row(speed.interface, *counted, f"{speed.microseconds:.2f}", *written, copied)
+        yield table
+
+
+def scenario_text(scenario: Scenario) -> Text:
+    """Return what `uavbench show` prints: the parameters and the map."""
+    text = Text()
+    text.append(f"{scenario.id}", style="bold")
+    text.append(f"  {one_line(scenario.title)}\n")  # a title comes from anybody, and may steer the terminal
+    text.append(f"digest {scenario.digest}\nfile {one_line(scenario.path)}\n\n")
+    parts = scenario.model_dump(mode="json", exclude={"id", "title", "path", "rows"})
+    for name, value in _flat(parts):
+        text.append(f"{name:32}", style="cyan")
+        text.append(f"{one_line(value)}\n")
+    text.append("\n")
+    for row in scenario.rows:
+        for cell in row:
+            text.append(cell, style=_STYLES.get(cell, ""))
+        text.append("\n")
+    text.append("\nL landing zone  N no-fly zone  # building  . free\n", style="dim")
+    return text
+
+
+def _flat(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Flatten nested parameters to dotted names."""
+    for name, value in parts.items():
+        if isinstance(value, Mapping):
+            yield from _flat(cast("Mapping[str, Any]", value), f"{prefix}{name}.")
+        elif value is not None:
+            yield f"{prefix}{name}", value
+
+
+def result_table(result: "Result") -> Group:
+    """Return the scores that `uavbench evaluate` prints, in per cent."""
+    summary = result.summary
+    title = f"{summary['agent']} on {summary['scenario']}, {summary['episodes']} {summary['split']} episodes"
+    table = Table(header_style="bold")
+    for column in ("metric", "mean %", "95 % confidence interval"):
+        table.add_column(column, justify="left" if column == "metric" else "right")
+    for name, interval in result.metrics.items():
+        table.add_row(NAMES[name], f"{100 * interval.mean:.1f}", _bounds(interval))
+    return Group(Text(title, style="bold"), table)
+
+
+def comparison_table(first: "Result", second: "Result", comparison: "Mapping[str, Comparison]", episodes: int) -> Group:
+    """Return what `uavbench compare` prints, in percentage points."""
+    a, b = first.summary["agent"], second.summary["agent"]
+    if a == b:
+        a, b = str(first.folder), str(second.folder)
+    better = a if len(a) <= _LONGEST_HEAD else "first"
+    most = max(first.summary["episodes"], second.summary["episodes"])
+    common = f" (of {most}, those that both flew)" if episodes < most else ""
+    title = f"{a} - {b} on {first.summary['scenario']}, {episodes} paired episodes{common}"
+    table = Table(header_style="bold")
+    for column in ("metric", "difference, points", "95 % CI", f"P({escape(better)} better) %", "95 % CI"):
+        table.add_column(column, justify="left" if column == "metric" else "right")
+    for name, found in comparison.items():
+        table.add_row(
+            NAMES[name],
+            f"{100 * found.difference.mean:+.1f}",
+            _bounds(found.difference, "+"),
+            f"{100 * found.improvement.mean:.1f}",
+            _bounds(found.improvement),
+        )
+    return Group(Text(title, style="bold"), table)
+
+
+def gaps_text(gaps: "Gaps") -> str:
+    """Return how far a result is from what is known, in percentage points of CRAL."""
+    lines: list[str] = []
+    for label, gap, count in (("bound", gaps.to_bound, gaps.bounded), ("best known", gaps.to_best, gaps.compared)):
+        if gap:
+            points = f"{100 * gap.mean:.1f} {_bounds(gap)}"
+            lines.append(f"gap to {label:11}{points} points of CRAL, over {_count(count)}")
+    if gaps.optimal:
+        lines.append(f"proved optimal on {_count(gaps.optimal)}")
+    if gaps.better:
+        lines.append(f"better than the best known on {_count(gaps.better)}: uavbench bound --result records it")
+    return "\n".join(lines)
+
+
+def reference_table(scenario: Scenario, reference: "Reference") -> Group:
+    """Return what `uavbench bound` prints: means of what is known, in per cent."""
+    from uavbench.evaluation.metrics import mean_interval
+
+    known = list(reference.values())
+    bound, best = (np.array([getattr(k, name) for k in known]) for name in ("upper_bound", "best_known"))
+    table = Table(header_style="bold")
+    for column in ("CRAL", "mean %", "95 % confidence interval", "episodes"):
+        table.add_column(column, justify="left" if column == "CRAL" else "right")
+    for name, values in {"upper bound": bound, "best known": best, "gap": bound - best}.items():
+        there = values[~np.isnan(values)]
+        if len(there):
+            interval = mean_interval(there)
+            table.add_row(name, f"{100 * interval.mean:.1f}", _bounds(interval), f"{len(there):,}")
+    optimal = sum(k.proved_optimal for k in known)
+    title = f"{scenario.id}, test episodes" + (f", {optimal:,} proved optimal" if scenario.mission.exact else "")
+    return Group(Text(title, style="bold"), table)
+
+
+def _count(episodes: int) -> str:
+    return f"{episodes:,} episode{'s' if episodes != 1 else ''}"
+
+
+def _bounds(interval: "Interval", sign: str = "") -> str:
+    return f"[{100 * interval.low:{sign}.1f}, {100 * interval.high:{sign}.1f}]"
+
+
+def leaderboard_tables(rows: "Iterable[Row]") -> Group:
+    """Return what `uavbench leaderboard build` prints: the scores, in per cent, a table for each track."""
+    tables: dict[str, Table] = {}
+    last: dict[str, str] = {}
+    for row in rows:
+        if row.track not in tables:
+            table = tables[row.track] = Table(
+                title=f"{row.track} track",
+                box=box.SIMPLE_HEAD,
+                padding=0,
+                show_edge=False,  # 80 columns are enough so
+            )
+            for column in ("scenario", "agent", "rank", "Landed", "CR", "CRAL", "95 % CI"):
+                table.add_column(column, justify="left" if column in ("scenario", "agent") else "right", no_wrap=True)
+        if last.get(row.track, row.scenario) != row.scenario:
+            tables[row.track].add_section()
+        last[row.track] = row.scenario
+        scores = [f"{100 * interval.mean:.1f}" for interval in (row.landed, row.cr, row.cral)]
+        rank = "–" if row.rank is None else str(row.rank)
+        interval = "published" if row.tier == "published" else _bounds(row.cral)
+        tables[row.track].add_row(row.scenario, row.name, rank, *scores, interval)
+    return Group(*tables.values())

@@ -1,0 +1,85 @@
+"""``uavbench train`` and ``uavbench export``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavbench.cli.shared import fail
+
+
+def train(
+    agent: Annotated[str, typer.Argument(help="A built-in that learns, or path.py with a Learner.")],
+    scenario: Annotated[str, typer.Option(help="An id, or the path of a .toml file.")] = "Manhattan32-CPP-v0",
+    config: Annotated[
+        str, typer.Option(help="One of the agent's own (ddqn: paper, fast, finish), or a .toml file of what differs.")
+    ] = "fast",
+    seed: Annotated[int, typer.Option(min=0, max=2**24 - 1, help="Another seed, another training.")] = 0,
+    start: Annotated[Path | None, typer.Option("--from", help="Weights to begin from; by default none.")] = None,
+    out: Annotated[Path, typer.Option(help="Where weights, checkpoints and curves go.")] = Path("runs"),
+    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
+    threads: Annotated[int, typer.Option(min=1, help="Of the network's arithmetic.")] = 1,
+) -> None:
+    """Train a learned agent.
+
+    Writes the weights that score best on validation episodes, a checkpoint every few minutes, and curves for TensorBoard.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.agents.agent import find_agent
+    from uavbench.cli.progress import training_progress
+    from uavbench.learning.train import Training, read_config
+    from uavbench.learning.train import train as train_agent
+
+    console, checkpoint = Console(), None
+    try:
+        source = find_agent(agent)
+        training = Training(source, load_scenario(scenario), *read_config(source, config), seed, start)
+        checkpoint = training.files(out)[1]
+        with training_progress(console, f"{training.label} on {training.scenario.id}") as progress:
+            kept = train_agent(
+                training,
+                out,
+                resume=resume,
+                threads=threads,
+                on_start=progress.show,
+                on_update=progress.advance,
+                on_point=progress.add_point,
+            )
+        flies = f"{kept}" if source.built_in else f"{agent} --weights {kept}"
+        console.print(f"next:  uavbench evaluate --agent {flies} --scenario {scenario}", highlight=False, soft_wrap=True)
+    except UavbenchError as error:
+        raise fail(error) from None
+    except OSError as error:
+        raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
+    except KeyboardInterrupt:
+        there = checkpoint is not None and checkpoint.exists()
+        hint = f"--resume goes on from {checkpoint}" if there else "there was no checkpoint yet"
+        raise fail(f"interrupted; {hint}", 1) from None
+
+
+def export(
+    agent: Annotated[str, typer.Argument(help="A built-in that has learned, or a .safetensors file.")],
+    path: Annotated[Path, typer.Argument(help="The model to write, model.onnx.")],
+    scenario: Annotated[
+        str | None, typer.Option(help="Whose observations it is to take; by default what it was trained on.")
+    ] = None,
+) -> None:
+    """Write a learned agent as an ONNX model.
+
+    It can be scored without the agent's code: --agent model.onnx.
+    """
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.agents.agent import find_agent
+    from uavbench.learning.export import export as export_agent
+
+    try:
+        source = find_agent(agent)
+        loaded = load_scenario(scenario or source.trained_on)
+        export_agent(source, loaded, path)
+    except (UavbenchError, ValueError) as error:
+        raise fail(error) from None
+    except OSError as error:
+        raise fail(f"cannot write {path}: {error.strerror}") from None
+    typer.echo(f"wrote {path}; next:  uavbench evaluate --agent {path} --scenario {scenario or loaded.id}")

@@ -1,0 +1,58 @@
+"""What commands share: how they fail, and arguments."""
+
+import math
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from uavbench.evaluation.results import Result
+
+ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission's.")]
+
+
+def number(value: float) -> float:
+    """Refuse NaN, which older versions of Typer take for a number within any limits."""
+    if math.isnan(value):
+        raise typer.BadParameter("nan is not a number")
+    return value
+
+
+DecisionTimeout = Annotated[float, typer.Option(min=1e-3, callback=number, help="Seconds that one decision may take.")]
+ScenarioFile = Annotated[
+    str | None, typer.Option("--scenario", help="The .toml file of a scenario of your own, if it has moved.")
+]
+
+
+def flown(folder: Path) -> "Result":
+    """Return the result in a folder: one that ``evaluate`` wrote, or a submission to the leaderboard.
+
+    Raises
+    ------
+    ResultError
+        When there is none, or it cannot be used.
+    """
+    from uavbench.evaluation.results import ResultError, load_result
+    from uavbench.leaderboard.submission import MANIFEST, SubmissionError, load_submission
+
+    if not (folder / MANIFEST).exists():
+        return load_result(folder)
+    try:
+        return load_submission(folder.absolute()).result  # its name and its parent's are checked, and "." has none
+    except SubmissionError as error:
+        raise ResultError(str(error)) from None
+
+
+def warn(line: str) -> None:
+    """Print one line of warning."""
+    print(f"uavbench: {line}", file=sys.stderr)  # noqa: T201
+
+
+def fail(error: BaseException | str, code: int = 2) -> typer.Exit:
+    """Print what is wrong, and return the exit with ``code``; what a file says cannot steer the terminal."""
+    lines = "\n".join([str(error), *getattr(error, "__notes__", ())])
+    seen = "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in lines)
+    print(f"uavbench: {seen}", file=sys.stderr)  # noqa: T201
+    return typer.Exit(code)

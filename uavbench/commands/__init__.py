@@ -1,1 +1,0 @@
-"""The commands that `uavbench.cli` puts together, a group a file. No logic is in them."""

@@ -1,0 +1,71 @@
+"""What a flight leaves behind, for pictures: the cells of each UAV, what was there at first, and what was served."""
+
+import copy
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.simulation.simulator import Simulator
+
+Cell = tuple[int, int]
+
+
+class Trail:
+    """The way of the episode that has just begun in a slot; `extend` after every step.
+
+    Parameters
+    ----------
+    simulator : Simulator
+    i : int
+        The slot.
+
+    Attributes
+    ----------
+    cells : list of list of (int, int)
+        Where each UAV was: at the start, and after each of its steps.
+    served : list of int
+        The mark (DH: the device) that lost most of its amount in each step of a team; −1 for none.
+    target : ndarray of float32, shape (M, N)
+        The target map at the start.
+    shade : ndarray of float32, shape (M, N), optional
+        How dark each cell is: see `uavbench.simulation.missions.Mission.shade`.
+    """
+
+    def __init__(self, simulator: Simulator, i: int) -> None:
+        state, mission = simulator.state, simulator.mission
+        self._simulator, self._slot = simulator, i
+        self.cells: list[list[Cell]] = [[(r, c)] for r, c in state.position[i, : state.uavs[i]].tolist()]
+        self._spent: list[int] = self._used()  # before the trail began
+        self.target: NDArray[np.float32] = state.target[i].copy()
+        self.served: list[int] = []
+        self._amounts = mission.marks(i)[1].copy()
+        self.shade = mission.shade(i)
+
+    def extend(self) -> None:
+        """Add the step that was just flown."""
+        used = self._used()
+        flown = [len(way) <= used[u] - self._spent[u] for u, way in enumerate(self.cells)]
+        for u, way in enumerate(self.cells):
+            if flown[u]:
+                r, c = self._simulator.state.position[self._slot, u].tolist()
+                way.append((r, c))
+        if any(flown):
+            now = self._simulator.mission.marks(self._slot)[1]
+            lost = self._amounts - now
+            self.served.append(int(lost.argmax()) if lost.any() else -1)
+            self._amounts = now.copy()
+
+    def get_state(self) -> dict[str, Any]:
+        """Return what the trail holds, as values that nothing else refers to."""
+        return copy.deepcopy({name: value for name, value in vars(self).items() if name not in ("_simulator", "_slot")})
+
+    def set_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from what `get_state` of a trail of the same scenario returned."""
+        vars(self).update(copy.deepcopy(dict(state)))
+
+    def _used(self) -> list[int]:
+        """Return how many actions each UAV has taken in the episode."""
+        state, i = self._simulator.state, self._slot
+        return (state.initial_budget[i] - state.budget[i])[: state.uavs[i]].tolist()

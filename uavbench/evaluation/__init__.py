@@ -1,0 +1,1 @@
+"""Agent × scenario × split → result: flights, results on disk, replays, comparisons, metrics, reference tables."""

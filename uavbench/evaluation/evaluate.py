@@ -1,0 +1,398 @@
+"""Flying episodes with an agent: agent × scenario × split → records.
+
+The records do not depend on the batch size, the number of workers, or whether the agent decides one by one (``act``) or
+for many episodes at once (``act_batch``): noise and episodes are keyed, and so is the seed that an agent is given. The UAVs
+of a team decide at once, by what they see before the step, whether they are asked one by one or together (``act_team``).
+"""
+
+import itertools
+import traceback
+from collections.abc import Callable, Generator, Iterator, MutableSequence, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.agents.agent import AgentSource
+from uavbench.agents.apart import ApartError
+from uavbench.errors import UavbenchError, one_line
+from uavbench.evaluation.decision_clock import DecisionClock, shown_call
+from uavbench.evaluation.processes import WorkerDiedError, WorkerLateError, work_apart
+from uavbench.simulation.memory import episodes_at_once
+from uavbench.simulation.observation import Observation, Observer
+from uavbench.simulation.simulator import Simulator
+from uavbench.simulation.state_view import StateView
+from uavbench.world.city import HOVER, NUM_ACTIONS
+from uavbench.world.episode import episode_keys, fresh_keys
+from uavbench.world.keyed import AGENT, stream
+from uavbench.world.scenario import Scenario, SplitName
+
+DEFAULT_BATCH = 250
+_PIECE = 10  # episodes that a worker is given at once, where its agent flies them one by one
+#: In records, in place of an action: the UAV flies no more, or the episode has fewer.
+NO_ACTION = NUM_ACTIONS
+
+
+@dataclass(frozen=True)
+class EpisodeRecord:
+    """One finished episode.
+
+    Attributes
+    ----------
+    episode : int
+        Its number in the split.
+    uavs : int
+        How many UAVs flew.
+    budget, steps : int
+        Movement budget at the start, and actions taken, of all UAVs together.
+    landed : bool
+        Whether every UAV landed.
+    cr, cral : float
+        In [0, 1].
+    blocked : int
+        How often the safety controller kept a UAV in place.
+    total_reward : float
+        The sum of the rewards.
+    actions : ndarray of uint8, shape (T, U)
+        The actions of T steps, U the scenario's most UAVs; 6 where a UAV is not there or flies no more.
+    seconds : float
+        Time that the agent took to decide.
+    """
+
+    episode: int
+    uavs: int
+    budget: int
+    steps: int
+    landed: bool
+    cr: float
+    cral: float
+    blocked: int
+    total_reward: float
+    actions: NDArray[np.uint8]
+    seconds: float
+
+
+class AgentError(UavbenchError):
+    """An agent failed; the message says in which episode, at which step and why, with its traceback."""
+
+
+class AgentDeclinedError(AgentError):
+    """An agent says in its ``__init__`` that it does not fly a scenario.
+
+    Attributes
+    ----------
+    reason : str
+        What the agent says.
+    """
+
+    reason = ""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is flown: all that a worker must know.
+
+    Attributes
+    ----------
+    source : AgentSource
+    scenario : Scenario
+    split : {"train", "validation", "test"}
+    decision_timeout : float, optional
+        Seconds that one call of the agent may take; None for any.
+    batch_size : int
+        Episodes at once, for an agent that decides for many.
+    agent_sha256 : str, optional
+        The digest that the agent's files must have when they are loaded; None for any.
+    fresh : int, optional
+        A key from which other episodes are drawn, that nobody has published, in the place of those of the split. The agent is
+        told the numbers and seeds of the split's, which say nothing about them.
+    """
+
+    source: AgentSource
+    scenario: Scenario
+    split: SplitName
+    decision_timeout: float | None = 60.0
+    batch_size: int = DEFAULT_BATCH
+    agent_sha256: str | None = None
+    fresh: int | None = None
+
+
+def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[EpisodeRecord]:
+    """Fly the episodes ``numbers``, yielding the record of each as it ends.
+
+    Parameters
+    ----------
+    job : Job
+        What is flown.
+    numbers : sequence of int
+        Which episodes.
+    workers : int
+        Processes. With one or more the agent flies there and cannot harm this process: it is killed when it takes too long.
+        With 0 it flies in this process, where a call that takes too long is noticed when it ends.
+
+    Raises
+    ------
+    AgentDeclinedError
+        When the agent says that it does not fly this scenario.
+    AgentError
+        When the agent fails. What was finished has been yielded before.
+    """
+    if workers == 0:
+        yield from _Flyer(job)(numbers)
+        return
+    size = min(job.batch_size, episodes_at_once(job.scenario)) if job.source.call(job.scenario) == "act_batch" else _PIECE
+    size = max(1, min(size, -(-len(numbers) // workers)))
+    try:
+        yield from work_apart(_Flyer(job), (numbers[k : k + size] for k in range(0, len(numbers), size)), workers)
+    except WorkerLateError as late:
+        call = shown_call(late.shown)
+        infos = [{"episode": number, "uav": call.uav} for number in (call.first_episode, call.last_episode)]
+        infos = infos[:1] if call.method in ("act()", "reset()") else infos
+        reason = f"{call.method} took longer than {job.decision_timeout:g} s\n{_agents_frames(late.trace)}".rstrip()
+        raise _complaint(job, (infos, call.step), reason) from None
+    except WorkerDiedError as died:
+        raise _complaint(job, None, str(died)) from None
+
+
+@dataclass
+class _Flyer:
+    """Flies episodes with one agent, which is made when the first are asked for; pickled before, to fly in another process."""
+
+    job: Job
+    _flight: "_Flight | None" = field(default=None, init=False)
+
+    def __call__(self, numbers: Sequence[int], shown: MutableSequence[float] | None = None) -> Iterator[EpisodeRecord]:
+        """Fly the episodes ``numbers``; ``shown`` is where the agent's clock can be seen."""
+        job = self.job
+        with DecisionClock(job.decision_timeout, shown) as clock:
+            if self._flight is None:
+                self._flight = _Flight(job, _made(job, clock))
+            size = min(job.batch_size, episodes_at_once(job.scenario)) if self._flight.call == "act_batch" else 1
+            for k in range(0, len(numbers), size):
+                yield from self._flight.fly(numbers[k : k + size], clock)
+
+
+def _made(job: Job, clock: DecisionClock) -> Any:
+    """Return a new agent of a job, if its files are those that are to fly."""
+    clock.start("__init__()", (), 0, limited=False)  # weights may take their time to load
+    try:
+        agent = job.source.make(job.scenario)
+    except ApartError as error:
+        raise _complaint(job, None, f"__init__() {error}") from None
+    except (Exception, SystemExit) as error:
+        if isinstance(error, Exception) and job.source.meant(error):
+            reason = one_line(error)
+            declined = AgentDeclinedError(f"{job.source.name} on {job.scenario.id}: {reason}")
+            declined.reason = reason
+            raise declined from None
+        raise _complaint(job, None, f"__init__() raised {_said(error)}\n{_trace()}") from error
+    finally:
+        clock.stop()
+    if job.agent_sha256 is not None and job.source.digest(job.scenario) != job.agent_sha256:
+        raise _complaint(job, None, "its files changed while it was loaded: start again")
+    return agent
+
+
+class _Flight:
+    """An agent, a simulator, and what passes between them. UAV u of slot i is number i · U + u of ``running``."""
+
+    def __init__(self, job: Job, agent: Any) -> None:
+        self._job = job
+        self._agent = agent
+        self._state_track = job.source.track == "state"
+        self.call = job.source.call(job.scenario)
+
+    def fly(self, numbers: Sequence[int], clock: DecisionClock) -> Iterator[EpisodeRecord]:
+        """Fly ``numbers`` side by side, yielding each as it ends; ``clock`` measures the agent's calls."""
+        job, count, most = self._job, len(numbers), self._job.scenario.max_uavs
+        simulator = self._simulator(count)
+        state = simulator.state
+        if job.fresh is None:
+            simulator.reset(np.arange(count), job.split, numbers)
+        else:
+            simulator.sample(np.arange(count), fresh_keys(job.fresh, numbers))
+        fixed = [self._fixed_info(simulator, i, u, number) for i, number in enumerate(numbers) for u in range(most)]
+        actions = np.full((count, int(state.budget.max()), most), NO_ACTION, dtype=np.uint8)
+        seconds, rewards = np.zeros(count), np.zeros(count)
+        running, step = np.flatnonzero(~state.done), 0
+        infos = self._infos(simulator, running, fixed)
+        if callable(getattr(self._agent, "reset", None)):
+            for info in infos:
+                if info["uav"] == 0:
+                    self._ask(clock, "reset()", [info], 0, lambda info=info: self._agent.reset(info))
+        while len(running):
+            observations = self._observe(simulator, running)
+            slots, uavs = np.divmod(running, most)
+            chosen, spent = self._decide(clock, observations, infos, step)
+            seconds += np.bincount(slots, minlength=count) * (spent / len(running))
+            all_actions = np.full((count, most), HOVER)
+            all_actions[slots, uavs] = actions[slots, step, uavs] = chosen
+            simulator.step(all_actions if job.scenario.team else all_actions[:, 0])
+            for u in range(most):
+                rewards += state.reward[:, u]
+            step += 1
+            over: list[int] = np.unique(slots[state.done[slots].all(axis=1)]).tolist()
+            outcomes = _rows(simulator.outcomes(over)) if over else ()
+            for i, outcome in zip(over, outcomes, strict=True):
+                there = int(state.uavs[i])
+                yield EpisodeRecord(
+                    episode=int(numbers[i]),
+                    uavs=there,
+                    budget=int(state.initial_budget[i, :there].sum()),
+                    steps=int((actions[i, :step] != NO_ACTION).sum()),
+                    total_reward=float(rewards[i]),
+                    actions=actions[i, :step].copy(),
+                    seconds=float(seconds[i]),
+                    **outcome,
+                )
+            running = running[~state.done.reshape(-1)[running]]
+            infos = self._infos(simulator, running, fixed)
+
+    def _simulator(self, count: int) -> Simulator:
+        """Return a simulator for ``count`` episodes, the last one if it fits."""
+        if getattr(self, "_last", None) is None or self._last.num_envs != count:
+            self._last = Simulator(self._job.scenario, count)
+            self._observer = Observer(self._job.scenario)
+        return self._last
+
+    def _fixed_info(self, simulator: Simulator, i: int, uav: int, number: int) -> dict[str, Any]:
+        """Return what an agent is told of an episode and a UAV at every step."""
+        fresh = self._job.fresh is not None
+        key = episode_keys(self._job.split, np.array([number]))[0] if fresh else simulator.state.key[i]
+        seed = int(stream(key, AGENT)) >> 1
+        info: dict[str, Any] = {"split": self._job.split, "episode": int(number), "seed": seed, "uav": uav}
+        if self._state_track:
+            info["state"] = StateView(simulator, i, uav)
+        return info
+
+    @staticmethod
+    def _infos(simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]) -> list[dict[str, Any]]:
+        """Return fresh information for the UAVs that fly."""
+        masks = simulator.action_mask().reshape(-1, NUM_ACTIONS)[running]
+        return [{**fixed[i], "action_mask": mask} for i, mask in zip(running.tolist(), masks, strict=True)]
+
+    def _observe(self, simulator: Simulator, running: NDArray[np.int64]) -> Observation:
+        """Return the observations of the UAVs that fly, batch first."""
+        whole = simulator.num_envs * self._job.scenario.max_uavs
+        batch = self._observer.empty(whole)
+        self._observer.write(simulator.state, running, batch)
+        if len(running) == whole:
+            return batch
+        return {name: values[running] for name, values in batch.items()}
+
+    def _decide(
+        self, clock: DecisionClock, observations: Observation, infos: list[dict[str, Any]], step: int
+    ) -> tuple[NDArray[np.int64], float]:
+        """Ask the agent; return its actions, and the seconds that it took. Refuse what is not an action."""
+        agent, call = self._agent, f"{self.call}()"
+        if self.call == "act_batch":
+            return self._ask(clock, call, infos, step, lambda: agent.act_batch(observations, infos), (len(infos),))
+        rows = [{name: values[k] for name, values in observations.items()} for k in range(len(infos))]
+        if self.call == "act":
+            chosen, spent = np.empty(len(infos), dtype=np.int64), 0.0
+            for k, (observation, info) in enumerate(zip(rows, infos, strict=True)):
+                chosen[k], seconds = self._ask(clock, call, [info], step, lambda o=observation, i=info: agent.act(o, i), ())
+                spent += seconds
+            return chosen, spent
+        return self._ask(clock, call, infos, step, lambda: agent.act_team(rows, infos), (len(infos),))
+
+    def _ask(
+        self,
+        clock: DecisionClock,
+        call: str,
+        infos: list[dict[str, Any]],
+        step: int,
+        function: Callable[[], Any],
+        shape: tuple[int, ...] | None = None,
+    ) -> tuple[Any, float]:
+        """Call the agent; return its actions, which must be of ``shape``, and the seconds that it took.
+
+        What it raises, what is no action, and its taking too long become an `AgentError`. All that may run the agent's code
+        is done while the clock runs.
+        """
+        job, where, answer, answered = self._job, (infos, step), None, False
+        clock.start(call, infos, step)
+        try:
+            answer, answered = function(), True
+            actions = None if shape is None else _actions(job, answer, call, where, shape)
+        except AgentError:
+            raise
+        except ApartError as error:
+            raise _complaint(job, where, f"{call} {error}") from None
+        except (Exception, SystemExit) as error:
+            if answered:
+                reason = f"{call} returned {one_line(answer, repr)}, which is no array of integers: {_said(error)}"
+                raise _complaint(job, where, reason) from None
+            raise _complaint(job, where, f"{call} raised {_said(error)}\n{_trace()}") from error
+        finally:
+            seconds = clock.stop()
+        if job.decision_timeout is not None and seconds > job.decision_timeout:
+            raise _complaint(job, where, f"{call} took {seconds:.1f} s, longer than {job.decision_timeout:g} s")
+        return actions, seconds
+
+
+_Where = tuple[list[dict[str, Any]], int] | None  # what the agent was told, and the step
+
+
+def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
+    """Turn columns into rows of plain Python values."""
+    for values in zip(*(column.tolist() for column in columns.values()), strict=True):
+        yield dict(zip(columns, values, strict=True))
+
+
+def _actions(job: Job, answer: Any, call: str, where: _Where, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return an agent's answer as actions of a shape, or complain."""
+    actions = np.asarray(answer)
+    if shape and actions.shape != shape:
+        raise _complaint(job, where, f"{call} returned shape {actions.shape}, expected {shape}")
+    if actions.shape != shape or actions.dtype.kind not in "iu":
+        found = f"{actions.dtype} of shape {actions.shape}" if actions.shape else str(actions.dtype)
+        raise _complaint(job, where, f"{call} returned {one_line(answer, repr)} ({found}), expected an integer from 0 to 5")
+    wrong = (actions < 0) | (actions >= NUM_ACTIONS)
+    if wrong.any():
+        assert where is not None
+        k = int(wrong.argmax())
+        value = actions[k] if shape else answer
+        info = where[0][k]
+        raise _complaint(job, ([info], where[1]), f"{call} returned {one_line(value, repr)}, expected an integer from 0 to 5")
+    return actions.astype(np.int64)
+
+
+def _said(error: BaseException) -> str:
+    """Return the class and the message of an exception."""
+    return f"{type(error).__name__}: {one_line(error)}"
+
+
+def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
+    """Say where an agent failed, and why."""
+    place = f"{job.source.name} on {job.scenario.id}"
+    if where is not None:
+        infos, step = where
+        episodes = {info["episode"] for info in infos}
+        which = f"episode {min(episodes)}" if len(episodes) == 1 else f"episodes {min(episodes)} to {max(episodes)}"
+        place += f", {job.split} {which}, step {step}"
+        if job.scenario.team and len(infos) == 1:
+            place += f", UAV {infos[0]['uav']}"
+    return AgentError(f"{place}: {reason}")
+
+
+def _agents_frames(trace: str) -> str:
+    """Return the agent's frames of a trace by `faulthandler`, in the order of Python's own."""
+    frames = list(itertools.takewhile(lambda line: __file__ not in line, trace.splitlines()[1:]))
+    return "\n".join(["Traceback (most recent call last):", *reversed(frames)]) if frames else ""
+
+
+def _trace() -> str:
+    """Return the traceback being handled, without the frames of this file."""
+    text = traceback.format_exc().splitlines()
+    kept: list[str] = []
+    skip = False
+    for line in text:
+        if line.startswith("  File "):
+            skip = __file__ in line
+        elif not line.startswith("    "):
+            skip = False
+        if not skip:
+            kept.append(line)
+    return "\n".join(kept)

@@ -1,0 +1,315 @@
+"""A result on disk: ``summary.json``, ``episodes.csv`` and ``actions.npz`` in ``OUT/<scenario>/<agent>``.
+
+The files of a result are put in their place together, or not at all.
+"""
+
+import csv
+import errno
+import json
+import os
+import platform
+import shutil
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.errors import UavbenchError, one_line
+from uavbench.evaluation.evaluate import EpisodeRecord, Job
+from uavbench.evaluation.metrics import CONFIDENCE, METRICS, ROUNDING, Interval, summarise
+from uavbench.world.files import (
+    TABLE_BYTES,
+    FileError,
+    NoFileError,
+    check_plain,
+    finish_moves,
+    moved_together,
+    pack_arrays,
+    read_bounded,
+    read_text,
+    unpack_arrays,
+    write_together,
+)
+from uavbench.world.resources import scenario_paths
+from uavbench.world.scenario import Scenario, load_scenario
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+#: Columns of ``episodes.csv`` and the fields of `EpisodeRecord` that they hold.
+COLUMNS = {
+    "episode": "episode",
+    "uavs": "uavs",
+    "budget": "budget",
+    "steps": "steps",
+    "landed": "landed",
+    "cr": "cr",
+    "cral": "cral",
+    "blocked": "blocked",
+    "return": "total_reward",
+}
+
+
+_MAX_BYTES = 2**26  # of a result's actions; those of the paper's scenarios take 0.2 MB
+_SUMMARY_BYTES = 2**20
+
+
+class ResultError(UavbenchError, ValueError):
+    """A result that cannot be used; the message names the file and the reason."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A finished evaluation.
+
+    Attributes
+    ----------
+    folder : Path
+        Where it is.
+    summary : dict
+        What ``summary.json`` holds.
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+
+    @property
+    def metrics(self) -> dict[str, Interval]:
+        """Landed, CR and CRAL with their intervals."""
+        return {name: Interval(**self.summary["metrics"][name]) for name in METRICS}
+
+    @property
+    def scenario(self) -> Scenario:
+        """Its scenario: one that is shipped, or a user's own, where it was."""
+        return load_scenario(self.summary.get("scenario_file") or self.summary["scenario"], run_code=False)
+
+    def episodes(self) -> "pd.DataFrame":
+        """Return ``episodes.csv`` as a table.
+
+        Raises
+        ------
+        ResultError
+            When the file is damaged.
+        """
+        import pandas as pd
+
+        path = self.folder / "episodes.csv"
+        kinds = [float if name in ("cr", "cral", "return") else int for name in COLUMNS]
+        try:
+            head, *rows = csv.reader(read_text(path, TABLE_BYTES).splitlines(), strict=True)
+            if head != list(COLUMNS):
+                raise ValueError(f"its columns are not {','.join(COLUMNS)}")
+            # Python's float() reads back to the last bit what was written; pandas' own parser need not.
+            values = [[kind(_digits(cell)) for kind, cell in zip(kinds, row, strict=True)] for row in rows]
+            return pd.DataFrame(values, columns=list(COLUMNS)).astype(dict(zip(COLUMNS, kinds, strict=True)))
+        except FileError as error:
+            raise ResultError(str(error)) from None
+        except (ValueError, OverflowError, csv.Error) as error:
+            raise ResultError(f"{path}: damaged: {one_line(error)}") from None
+
+    def scores(self) -> "pd.DataFrame":
+        """Return `episodes`, whose numbers are possible and those of the summary, though nothing is flown again.
+
+        Raises
+        ------
+        ResultError
+            When they are not, or the file is damaged.
+        """
+        path, table = self.folder / "episodes.csv", self.episodes()
+        if not numbered(table["episode"], self.summary["episodes"]):
+            raise ResultError(f"{path}: does not hold the {self.summary['episodes']} episodes, each once and in order")
+        for name, said in self.metrics.items():
+            strange = table.loc[~table[name].between(0, 1 + ROUNDING), ["episode", name]]
+            if len(strange):
+                number, value = strange.iloc[0]
+                raise ResultError(f"{path}: episode {number:.0f}: {name} is {value:g}, which is not in [0, 1]")
+            if not abs(table[name].mean() - said.mean) <= ROUNDING:
+                where = self.folder / "summary.json"
+                raise ResultError(f"{where}: metrics.{name}: mean is {said.mean:g}, in episodes.csv {table[name].mean():g}")
+        return table
+
+    def actions(self) -> dict[int, NDArray[np.uint8]]:
+        """Return the actions of each episode, by its number, as in `EpisodeRecord`.
+
+        Raises
+        ------
+        ResultError
+            When the file is damaged.
+        """
+        path = self.folder / "actions.npz"
+        try:
+            table = unpack_arrays(read_bounded(path, _MAX_BYTES), _MAX_BYTES)
+            episodes: int = self.summary["episodes"]
+            if table.keys() != {"actions", "offsets", "episodes"}:
+                raise ValueError("its arrays are not actions, offsets and episodes")
+            if table["episodes"].shape != (episodes,) or table["offsets"].shape != (episodes + 1,):
+                raise ValueError(f"does not hold the episodes 0 to {episodes - 1}")
+            if {table[name].dtype.kind for name in ("offsets", "episodes")} != {"i"}:
+                raise ValueError("its offsets and episodes are no signed integers")
+            actions, offsets = (
+                table["actions"].astype(np.uint8, casting="equiv"),
+                table["offsets"].astype(np.int64, casting="same_kind"),
+            )
+            if offsets[0] != 0 or offsets[-1] != len(actions) or (offsets[1:] < offsets[:-1]).any():
+                raise ValueError("its offsets do not cut the actions into episodes")
+            parts = np.split(actions, offsets[1:-1])
+            return dict(zip(table["episodes"].tolist(), parts, strict=True))
+        except FileError as error:
+            raise ResultError(str(error)) from None
+        except (KeyError, ValueError, TypeError, IndexError) as error:
+            raise ResultError(f"{path}: damaged: {one_line(error)}") from None
+
+
+def numbered(found: Collection[int], episodes: int) -> bool:
+    """Say whether what a file holds are the numbers 0 to ``episodes`` − 1 in order; ``episodes`` may be any claim."""
+    return len(found) == episodes and all(number == k for k, number in enumerate(found))
+
+
+def _digits(cell: str) -> str:
+    """Return a number as `publish` writes it; Python itself reads more: other scripts' digits, spaces, underscores."""
+    if not cell.isascii() or set(cell) & {" ", "_"}:
+        raise ValueError(f"{cell!r} is no number")
+    return cell
+
+
+def deliver(contents: Mapping[Path, bytes]) -> None:
+    """Write files that are made of results: all as a whole, or they stay as they were.
+
+    Raises
+    ------
+    ResultError
+        When one cannot be written.
+    """
+    try:
+        write_together(contents)
+    except OSError as error:
+        path = error.filename if error.filename in map(str, contents) else next(iter(contents))
+        raise ResultError(f"{path}: cannot write it: {error.strerror or error}") from None
+
+
+def load_result(folder: Path) -> Result:
+    """Load the result in ``folder``.
+
+    Raises
+    ------
+    ResultError
+        When there is none, or its summary is damaged.
+    """
+    path = folder / "summary.json"
+    if not folder.exists():
+        finish_moves(folder.parent)
+    try:
+        summary = json.loads(read_text(path, _SUMMARY_BYTES))
+        for name, most in {"episodes.csv": TABLE_BYTES, "actions.npz": _MAX_BYTES}.items():
+            check_plain(folder / name, most)
+        return checked_result(folder, summary)
+    except NoFileError as error:
+        raise ResultError(f"{error}; give a folder that uavbench evaluate wrote") from None
+    except FileError as error:
+        raise ResultError(str(error)) from None
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        raise ResultError(f"{path}: not a summary that uavbench evaluate wrote ({one_line(repr(error))})") from None
+
+
+def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
+    """Return the result of a summary, after a look at what is read from it.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        When something is missing, of another type, or cannot be: the message has its name.
+    """
+    result = Result(folder, summary)
+    for interval in result.metrics.values():
+        if not all(isinstance(value, float | int) for value in asdict(interval).values()):
+            raise TypeError("metrics")
+    kinds = {str: ("agent", "agent_sha256", "scenario", "scenario_digest", "split", "track"), int: ("episodes", "decisions")}
+    for kind, names in {**kinds, float: ("decisions_per_second",)}.items():
+        for name in names:
+            if not isinstance(summary[name], kind):
+                raise TypeError(name)
+    for name in ("agent", "scenario"):  # which are in the names of files that are made of a result
+        if not summary[name].isprintable() or set(summary[name]) & {"/", "\\"}:
+            raise ValueError(f"{name}: {summary[name]!r} is no name")
+    if summary["episodes"] < 1:
+        raise ValueError("episodes: there are none")
+    return result
+
+
+def metrics_of(records: Sequence[EpisodeRecord]) -> dict[str, Interval]:
+    """Return Landed, CR and CRAL over records."""
+    landed, cr, cral = (np.array([getattr(record, name) for record in records]) for name in METRICS)
+    return summarise(landed, cr, cral)
+
+
+def table_of(records: Sequence[EpisodeRecord]) -> "pd.DataFrame":
+    """Return what ``episodes.csv`` holds of records."""
+    import pandas as pd
+
+    table = pd.DataFrame({column: [getattr(r, field) for r in records] for column, field in COLUMNS.items()})
+    return table.assign(landed=table["landed"].astype(int))
+
+
+def identity(job: Job, episodes: int) -> dict[str, Any]:
+    """Return what makes two evaluations the same; it stands in the summary."""
+    return {
+        "uavbench": metadata.version("uavbench"),
+        "scenario": job.scenario.id,
+        "scenario_digest": job.scenario.digest,
+        "agent": job.source.name,
+        "agent_sha256": job.source.digest(job.scenario),
+        **({"agent_file": str(job.source.file)} if job.source.file else {}),
+        "track": job.source.track,
+        **({"transfer": True} if job.source.transferred(job.scenario) else {}),
+        "split": job.split,
+        "episodes": episodes,
+    }
+
+
+def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
+    """Write a result's files beside ``folder`` and then put them in its place, all at once; what else is in it stays in it.
+
+    Raises
+    ------
+    OSError
+        When they cannot be written; what was there stays.
+    """
+    decisions = sum(record.steps for record in records)
+    shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
+    summary: dict[str, Any] = {
+        **identity(job, len(records)),
+        **({} if shipped else {"scenario_file": str(job.scenario.path)}),
+        "metrics": {name: asdict(interval) for name, interval in metrics_of(records).items()},
+        "confidence": CONFIDENCE,
+        "decisions": decisions,
+        "decisions_per_second": decisions / max(sum(record.seconds for record in records), 1e-9),
+        "wall_time": wall_time,
+        "workers": workers,
+        "versions": {
+            "python": platform.python_version(),
+            "numpy": metadata.version("numpy"),
+            "numba": metadata.version("numba"),
+            "platform": platform.platform(),
+        },
+    }
+    actions = {
+        "actions": np.concatenate([record.actions for record in records]),
+        "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
+        "episodes": np.array([record.episode for record in records]),
+    }
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with moved_together(folder.parent) as staging:
+        new = staging / folder.name
+        if folder.is_dir():
+            if not os.access(folder, os.W_OK):  # it could be moved away, but not deleted then
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
+            shutil.copytree(folder, new, symlinks=True)
+        new.mkdir(exist_ok=True)
+        (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
+        (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))
+    return Result(folder, summary)

@@ -1,0 +1,1 @@
+"""Training an agent, and exporting what it has learned."""

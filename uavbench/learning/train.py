@@ -1,0 +1,332 @@
+"""Training a learned agent from beginning to end, that may be interrupted in between.
+
+An agent's file that can be trained has, besides its ``Agent``, a dictionary ``CONFIGS`` of dataclasses and a class ``Learner``:
+docs/agents.md. Everything that the training needs to go on is in one checkpoint; the weights that are kept are those with the
+highest CRAL on validation episodes.
+"""
+
+import hashlib
+import importlib
+import math
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import cached_property
+from importlib import metadata
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+
+from uavbench.agents.agent import AgentSource
+from uavbench.agents.weights import WeightsError, check_trained, load_weights, save_weights, training_facts, training_record
+from uavbench.errors import UavbenchError, one_line
+from uavbench.evaluation.evaluate import Job, evaluate
+from uavbench.evaluation.interrupt import interrupt_waits
+from uavbench.evaluation.metrics import METRICS
+from uavbench.learning.memory import keep_freed
+from uavbench.world.files import MODEL_BYTES, FileError, read_bounded, read_toml
+from uavbench.world.scenario import Scenario
+
+_CHECKPOINT_SECONDS = 180.0
+_PLOT_UPDATES = 100
+_VALIDATION_EPISODES = 200
+#: What a configuration, and a learner, must have.
+_FIELDS = ("updates", "validation")
+_LEARNER = ("updates", "samples", "advance", "weights", "snapshot", "resume")
+
+
+class TrainError(UavbenchError, ValueError):
+    """A training that cannot begin or go on; the message says what to change."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """What is trained, and how.
+
+    Attributes
+    ----------
+    source : AgentSource
+        The agent's file.
+    scenario : Scenario
+    name : str
+        The configuration's name, or the stem of its file.
+    config : dataclass
+        How to train.
+    seed : int
+    start : Path, optional
+        Weights to begin from.
+    """
+
+    source: AgentSource
+    scenario: Scenario
+    name: str
+    config: Any
+    seed: int
+    start: Path | None = None
+
+    @property
+    def label(self) -> str:
+        """What the weights' file is called."""
+        return f"{self.source.name}-{self.name}-{self.seed}"
+
+    def files(self, out: Path) -> tuple[Path, Path]:
+        """Return the files of the weights that are kept and of the checkpoint, in the folder of all trainings."""
+        folder = out / self.scenario.id
+        return folder / f"{self.label}.safetensors", folder / f"{self.label}.checkpoint"
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes two trainings the same."""
+        return {
+            "agent": self.source.name,
+            "scenario": self.scenario.id,
+            "scenario_digest": self.scenario.digest,
+            "config_name": self.name,
+            "config": asdict(self.config),
+            "seed": self.seed,
+            "start_sha256": self._start_sha256,
+        }
+
+    @cached_property
+    def _start_sha256(self) -> str | None:
+        """The digest of the weights to begin from, as they were when the training began."""
+        return None if self.start is None else hashlib.sha256(read_bounded(self.start, MODEL_BYTES)).hexdigest()
+
+    def record(self, curve: list["Point"], seconds: float | None = None) -> dict[str, Any]:
+        """Return what is written beside arrays: how they came about."""
+        versions = {name: metadata.version(name) for name in ("uavbench", "numpy", "numba", "torch")}
+        spent = seconds if seconds is not None else curve[-1].seconds if curve else 0.0
+        curve_values = [asdict(point) for point in curve]
+        return {
+            **self.identity,
+            **training_facts(self.scenario),
+            "built_in": self.source.built_in,
+            "agent_sha256": self.source.sha256,  # which may change while a training rests
+            "curve": curve_values,
+            "seconds": spent,
+            "versions": {"python": platform.python_version(), **versions},
+        }
+
+
+@dataclass(frozen=True)
+class Point:
+    """One point of the training's curve: scores on validation episodes, in [0, 1].
+
+    Attributes
+    ----------
+    updates, samples : int
+        Done so far.
+    seconds : float
+        Spent so far, validation included.
+    landed, cr, cral : float
+        Means over the first 200 validation episodes.
+    """
+
+    updates: int
+    samples: int
+    seconds: float
+    landed: float
+    cr: float
+    cral: float
+
+
+def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
+    """Return the name and the values of a configuration: one of the agent's own, or a TOML file.
+
+    A file may begin from one of the agent's own: ``base = "fast"``.
+
+    Raises
+    ------
+    TrainError
+        When there is none, or a field is unknown or of a wrong type.
+    """
+    configs = getattr(source.module(), "CONFIGS", None)
+    if configs is None or not hasattr(source.module(), "Learner"):
+        raise TrainError(f"{source.name} cannot be trained: {source.path} has no CONFIGS and Learner")
+    for name, each in configs.items():
+        lacking = [field for field in _FIELDS if not is_dataclass(each) or not hasattr(each, field)]
+        if lacking:
+            raise TrainError(f"{source.path}: CONFIGS: {name}: it has no field {lacking[0]}")
+    if config in configs:
+        return config, configs[config]
+    path = Path(config)
+    if path.suffix != ".toml":
+        raise TrainError(f"--config {config}: neither a .toml file nor one of {', '.join(configs)}")
+    try:
+        values = read_toml(path)
+    except FileError as error:
+        raise TrainError(f"--config: {error}") from None
+    base = values.pop("base", "fast")
+    if base not in configs:
+        raise TrainError(f"{path}: base: {base!r} is not one of {', '.join(configs)}")
+    known: dict[str, Any] = {field.name: type(getattr(configs[base], field.name)) for field in fields(configs[base])}
+    for name, value in values.items():
+        if name not in known:
+            raise TrainError(f"{path}: {name}: unknown; known are {', '.join(known)}")
+        if not (type(value) is known[name] or (known[name] is float and type(value) is int)):
+            raise TrainError(f"{path}: {name}: {value!r} is not of type {known[name].__name__}")
+    try:
+        return path.stem, replace(configs[base], **{name: known[name](value) for name, value in values.items()})
+    except ValueError as error:
+        raise TrainError(f"{path}: {error}") from None
+
+
+def train(
+    training: Training,
+    out: Path,
+    *,
+    resume: bool = False,
+    seconds: float = math.inf,
+    threads: int = 1,
+    on_start: Callable[[int, int], None] = lambda done, updates: None,
+    on_update: Callable[[int], None] = lambda updates: None,
+    on_point: Callable[[Point], None] = lambda point: None,
+) -> Path:
+    """Train, and return the file of the weights that validate best: ``out``/<scenario>/<agent>-<config>-<seed>.safetensors.
+
+    Parameters
+    ----------
+    training : Training
+    out : Path
+        The folder of all trainings.
+    resume : bool
+        Go on from a checkpoint; there need not be one.
+    seconds : float
+        Stop after this time, to be resumed later.
+    threads : int
+        Of PyTorch. Another number may change the last digits of the weights.
+    on_start, on_update, on_point : callable
+        Called at the beginning with the updates done and wanted, after every update, and at every validation.
+
+    Raises
+    ------
+    TrainError, WeightsError
+        When a checkpoint is there and ``resume`` is not given, or it is damaged or of another training; when the agent
+        cannot learn this scenario, or begin from the weights given, or a library is missing.
+    KeyboardInterrupt
+        When the user interrupts; a checkpoint has been written.
+    """
+    kept, checkpoint = training.files(out)
+    folder = kept.parent
+    _needed("safetensors", "tensorboard", "torch").set_num_threads(threads)
+    keep_freed()
+    if training.source.weights is not None:
+        raise TrainError(f"{training.source.weights} are weights: name their agent; --from begins from weights")
+    try:
+        learner = training.source.module().Learner(training.scenario, training.config, training.seed)
+    except ValueError as error:
+        raise TrainError(f"{training.source.name}: {error}") from None
+    lacking = [name for name in _LEARNER if not hasattr(learner, name)]
+    if lacking:
+        raise TrainError(f"{training.source.path}: Learner: it has no {lacking[0]}")
+    if training.start is not None:
+        if not hasattr(learner, "start_from"):
+            raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
+        check_trained(training.start, training_record(training.start), training.scenario)
+        learner.start_from(training.start)
+    _ = training.identity  # which is looked up now, whatever becomes of the files later
+    points, spent = _begin(training, learner, checkpoint, resume)
+    if points and not kept.exists():
+        raise TrainError(f"{kept}: the best weights so far are gone: put them back, or delete {checkpoint} to start over")
+    started, saved = time.perf_counter(), time.perf_counter()
+    updates, every = training.config.updates, training.config.validation
+    board = _board(folder / f"{training.label}.tensorboard", learner.updates)
+    on_start(learner.updates, updates)
+    for point in points:
+        on_point(point)
+    with interrupt_waits() as interrupted:
+        while learner.updates < updates and not interrupted and time.perf_counter() - started < seconds:
+            scalars = learner.advance()
+            on_update(learner.updates)
+            if learner.updates % _PLOT_UPDATES == 0:
+                _plot(board, "training", scalars, learner.updates)
+            if learner.updates % every == 0 or learner.updates == updates:
+                point = _validate(training, learner, folder, spent + time.perf_counter() - started)
+                if point.cral >= max((each.cral for each in points), default=0.0):
+                    save_weights(kept, learner.weights(), training.record([*points, point]))
+                points.append(point)
+                _plot(board, "validation", asdict(point), learner.updates)
+                on_point(point)
+            if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
+                saved = time.perf_counter()
+                save_weights(checkpoint, learner.snapshot(), training.record(points, spent + saved - started))
+        save_weights(checkpoint, learner.snapshot(), training.record(points, spent + time.perf_counter() - started))
+    board.close()
+    if interrupted:
+        raise KeyboardInterrupt
+    return kept
+
+
+def _needed(*libraries: str) -> Any:
+    """Return the last of some libraries, or say how to install them."""
+    try:
+        return [importlib.import_module(name) for name in libraries][-1]
+    except ImportError as error:
+        raise TrainError(f"training needs {error.name}: pip install 'uavbench[ddqn]'") from error
+
+
+def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> tuple[list[Point], float]:
+    """Set the learner as the checkpoint says; return the curve and the time so far."""
+    if not checkpoint.exists():
+        return [], 0.0
+    if not resume:
+        raise TrainError(f"{checkpoint} is there already: go on with --resume, or delete it to start over")
+    for left in checkpoint.parent.glob(f".{checkpoint.name}.*"):
+        left.unlink()  # of a process that was killed while it wrote
+    arrays, record = load_weights(checkpoint)
+    for name, found, value in _differences(record, training.identity):
+        raise TrainError(f"{checkpoint}: it is of another training: its {name} is {found}, not {value}")
+    try:
+        learner.resume(arrays)
+        again = learner.snapshot()
+        for name in sorted(arrays.keys() | again.keys()):  # what was not taken in as it is was not what it should be
+            if arrays[name].shape != again[name].shape or arrays[name].tobytes() != again[name].tobytes():
+                raise ValueError(f"{name} does not fit")
+        points = [Point(**point) for point in record["curve"]]
+        for value in (record["seconds"], *(value for point in points for value in asdict(point).values())):
+            if type(value) not in (int, float):
+                raise ValueError(f"its curve holds {value!r}, which is no number")
+        return points, float(record["seconds"])
+    except (AttributeError, KeyError, IndexError, TypeError, ValueError, OverflowError, RuntimeError) as error:
+        reason = one_line(error) or one_line(repr(error))
+        raise WeightsError(f"{checkpoint}: damaged, or of another version: {reason}; delete it to start over") from None
+
+
+def _differences(found: Mapping[str, Any], expected: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Return what differs in tables of tables: its name with those of the tables it is in, what it is, and should be."""
+    for name, value in expected.items():
+        other: Any = found.get(name)
+        if isinstance(value, Mapping) and isinstance(other, Mapping):
+            yield from _differences(cast("Mapping[str, Any]", other), cast("Mapping[str, Any]", value), f"{prefix}{name}.")
+        elif other != value:
+            yield f"{prefix}{name}", other, value
+
+
+def _validate(training: Training, learner: Any, folder: Path, seconds: float) -> Point:
+    """Score the network as it is, by the way that weights on disk are scored."""
+    latest = folder / f".{training.label}.latest.safetensors"
+    save_weights(latest, learner.weights(), training.record([]))
+    job = Job(replace(training.source, weights=latest), training.scenario, "validation")
+    wanted = getattr(training.config, "validation_episodes", _VALIDATION_EPISODES)
+    count = min(wanted, training.scenario.splits.validation.episodes)
+    try:
+        records = list(evaluate(job, range(count)))
+    finally:
+        latest.unlink(missing_ok=True)
+    scores = {name: float(np.mean([getattr(record, name) for record in records])) for name in METRICS}
+    return Point(learner.updates, learner.samples, round(seconds, 1), **scores)
+
+
+def _board(folder: Path, done: int) -> Any:
+    """Return TensorBoard's writer, on which a resumed training goes on from ``done`` updates."""
+    from torch.utils.tensorboard.writer import SummaryWriter
+
+    return SummaryWriter(str(folder), purge_step=done + 1)
+
+
+def _plot(board: Any, group: str, scalars: Mapping[str, float], updates: int) -> None:
+    """Write numbers for TensorBoard."""
+    for name, value in scalars.items():
+        board.add_scalar(f"{group}/{name}", value, updates)

@@ -1,0 +1,42 @@
+"""A recorded episode, watched again: what there is to see after each of its steps."""
+
+from uavbench.drawing.scene import Scene, scene_of
+from uavbench.drawing.trail import Trail
+from uavbench.evaluation.replay import flown_in, fly_recorded
+from uavbench.evaluation.results import Result, ResultError
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.episode import split_size
+
+
+def recorded_scenes(result: Result, episode: int, scenario_file: str | None = None) -> list[Scene]:
+    """Fly a result's episode again; return what there is to see at the start and after every step.
+
+    Parameters
+    ----------
+    result : Result
+    episode : int
+    scenario_file : str, optional
+        Where the scenario is, if it is a user's own and not where it was.
+
+    Raises
+    ------
+    ResultError
+        When the scenario is not the result's, or the result does not hold the episode, or not the whole of it.
+    """
+    scenario, split = flown_in(result, scenario_file)
+    actions = result.actions()
+    if episode not in actions or episode >= split_size(scenario, split):
+        raise ResultError(f"--episode: {episode} is not one of the episodes 0 to {len(actions) - 1} of {result.folder}")
+    trails: list[Trail] = []
+    scenes: list[Scene] = []
+
+    def watch(simulator: Simulator) -> None:
+        if trails:
+            trails[0].extend()
+        else:
+            trails.append(Trail(simulator, 0))
+        scenes.append(scene_of(simulator, 0, trails[0]))
+
+    if fly_recorded(scenario, split, episode, actions[episode], watch) is None:
+        raise ResultError(f"{result.folder / 'actions.npz'}: does not hold the actions of the whole episode {episode}")
+    return scenes

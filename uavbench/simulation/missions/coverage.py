@@ -1,0 +1,280 @@
+"""Coverage path planning (CPP): fly so that the camera sees every target cell.
+
+Source: Theile et al., ICAR 2021; the targets are those of uavSim.
+"""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from uavbench.simulation.missions import Mission
+from uavbench.simulation.missions.shapes import draw_shapes
+from uavbench.simulation.pooling import count_targets, remove_target
+from uavbench.simulation.state import State
+from uavbench.world.city import City, city_of, mark_visible
+from uavbench.world.episode import Columns
+from uavbench.world.kernel import kernel, parallel_kernel, share
+from uavbench.world.keyed import CONTENT, stream
+from uavbench.world.parameters import Coverage
+from uavbench.world.scenario import Scenario, ScenarioError
+from uavbench.world.values import as_array, shown
+
+_ATTEMPTS = 10_000  # redraws of the shapes before the scenario is refused; the paper's need about 3
+_MIN_ATTEMPTS, _PAINTED = 100, 10**9  # on large maps fewer: all redraws may paint about so many cells
+
+
+class CoverageMission(Mission):
+    """CPP for a batch of episodes; all its state is the target map.
+
+    Attributes
+    ----------
+    views : ndarray of uint64, shape (M, N)
+        What the camera sees from each cell: see `camera_views`.
+    """
+
+    option = "targets"
+
+    def __init__(self, scenario: Scenario, parameters: Coverage, city: City) -> None:
+        self._name = str(scenario.path)
+        self._parameters = parameters
+        self._city = city
+        self._collect_reward = scenario.rewards.collect
+        self.views = camera_views(scenario)
+
+    def sample(self, state: State, index: NDArray[np.int64]) -> None:
+        """Draw targets: random shapes, redrawn until they cover the right part of all cells, less the buildings."""
+        low, high = self._parameters.target_fraction
+        min_shapes, max_shapes = self._parameters.shapes
+        attempts = min(_ATTEMPTS, max(_MIN_ATTEMPTS, _PAINTED // (self._city.building.size * max_shapes)))
+        arrays = (state.key, state.target, state.counts, state.total, state.remaining)
+        drawn = (self._city.building, min_shapes, max_shapes, low, high, attempts)
+        if not (_sample_apart(self.threads, index, *arrays, *drawn) if self.threads > 1 else _sample(index, *arrays, *drawn)):
+            raise ScenarioError(
+                f"{self._name}: mission.target_fraction: {min_shapes} to {max_shapes} shapes did not cover {low} to {high} "
+                f"of the cells (with one outside buildings) in {attempts} attempts: widen it, or change mission.shapes"
+            )
+
+    def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
+        """Return the target maps as packed bits, shape (len(index), ⌈MN/8⌉)."""
+        return {"targets": np.packbits(state.target[index].reshape(len(index), -1) > 0, axis=1)}
+
+    def restore(self, state: State, index: NDArray[np.int64], columns: Columns) -> None:
+        """Set target maps from packed bits."""
+        rows, cols = self._city.shape
+        bits = np.unpackbits(columns["targets"].astype(np.uint8), axis=1, count=rows * cols)
+        state.target[index] = bits.reshape(-1, rows, cols)
+        state.total[index] = state.remaining[index] = bits.sum(axis=1)
+        for i in index.tolist():
+            count_targets(state.target[i], state.counts[i])
+
+    def fits(self, columns: Columns) -> bool:
+        """Say whether frozen columns can be of this scenario: a bit for every cell, none on a building."""
+        if "targets" not in columns:
+            return False
+        cells = self._city.building.size
+        targets = columns["targets"]
+        if targets.shape[1] != (cells + 7) // 8:
+            return False
+        return not np.unpackbits(targets.astype(np.uint8), axis=1, count=cells)[:, self._city.building.reshape(-1)].any()
+
+    def parse(self, value: Any) -> Columns:
+        """Turn a mask of targets, shape (M, N), into columns."""
+        mask = as_array(value)
+        if mask is None:
+            raise ValueError(f"targets: {shown(value)} is not a mask: rows of 0 and 1 (or False and True), all of one length")
+        if mask.shape != self._city.shape:
+            raise ValueError(f"targets: the mask has shape {mask.shape}, the map {self._city.shape}")
+        if not np.isin(mask, (0, 1)).all():
+            raise ValueError("targets: the mask holds values other than 0 and 1 (or False and True)")
+        wrong = np.argwhere(mask.astype(bool) & self._city.building)
+        if len(wrong):
+            raise ValueError(f"targets: cell {tuple(wrong[0].tolist())} is a building; buildings cannot be targets")
+        if not mask.any():
+            raise ValueError("targets: the mask is empty; at least one cell must be a target")
+        return {"targets": np.packbits(mask.astype(bool).reshape(1, -1), axis=1)}
+
+    def collect(self, state: State, uav: int) -> None:
+        """Cover what the cameras see, and add r_c per newly covered cell to the rewards."""
+        arrays: tuple[Any, ...] = (
+            uav,
+            state.position,
+            state.done,
+            state.target,
+            state.counts,
+            state.remaining,
+            state.reward,
+            self.views,
+            self._parameters.camera_size // 2,
+            self._collect_reward,
+        )
+        if self.threads > 1:
+            _collect_apart(self.threads, *arrays)
+        else:
+            _collect(0, len(state.done), *arrays)
+
+
+def camera_views(scenario: Scenario) -> NDArray[np.uint64]:
+    """Return what the camera sees from each cell of a CPP scenario.
+
+    Returns
+    -------
+    ndarray of uint64, shape (M, N), read-only
+        Bit (i · s + j) of a cell is 1 where row i, column j of the s×s square around it is on the map, not a building
+        and visible from the cell (s the camera's size).
+    """
+    assert isinstance(scenario.mission, Coverage)
+    return _views(city_of(scenario), scenario.mission.camera_size // 2)
+
+
+def camera_gain(scenario: Scenario, target: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return how many cells of the target map, shape (M, N), the camera would newly cover from each cell."""
+    assert isinstance(scenario.mission, Coverage)
+    return _gain(camera_views(scenario), scenario.mission.camera_size // 2, target)
+
+
+@lru_cache(maxsize=32)
+def _views(city: City, reach: int) -> NDArray[np.uint64]:
+    views = _all_views(city.building, reach)
+    views.flags.writeable = False
+    return views
+
+
+@kernel
+def _all_views(building: NDArray[np.bool_], reach: int) -> NDArray[np.uint64]:
+    """Look around from every cell."""
+    rows, cols = building.shape
+    views = np.zeros((rows, cols), dtype=np.uint64)
+    seen = np.zeros((rows, cols), dtype=np.bool_)
+    for r in range(rows):
+        for c in range(cols):
+            mark_visible(building, r, c, 2 * reach, seen)  # the square's corners are 2 · reach moves away
+            bit = np.uint64(1)
+            for y in range(r - reach, r + reach + 1):
+                for x in range(c - reach, c + reach + 1):
+                    if 0 <= y < rows and 0 <= x < cols and seen[y, x] and not building[y, x]:
+                        views[r, c] |= bit
+                    bit <<= np.uint64(1)
+            seen[max(0, r - 2 * reach) : r + 2 * reach + 1, max(0, c - 2 * reach) : c + 2 * reach + 1] = False
+    return views
+
+
+@kernel
+def _sample(
+    index: NDArray[np.int64],
+    key: NDArray[np.uint64],
+    target: NDArray[np.float32],
+    counts: NDArray[Any],
+    total: NDArray[np.float64],
+    remaining: NDArray[np.float64],
+    building: NDArray[np.bool_],
+    min_shapes: int,
+    max_shapes: int,
+    low: float,
+    high: float,
+    attempts: int,
+) -> bool:
+    """Draw the targets of the slots ``index``; return whether every one succeeded."""
+    cursor = np.empty(1, dtype=np.uint64)
+    grid = np.empty(building.shape, dtype=np.uint8)
+    cells = building.size
+    for n in range(len(index)):
+        i = int(index[n])
+        cursor[0] = stream(key[i], CONTENT)
+        left = 0
+        for _ in range(attempts):
+            painted, _placed = draw_shapes(cursor, min_shapes, max_shapes, grid)
+            if low * cells <= painted <= high * cells:
+                left = _keep(grid, building, target[i])
+                if left > 0:
+                    break
+        if left == 0:
+            return False
+        count_targets(target[i], counts[i])
+        total[i] = remaining[i] = left
+    return True
+
+
+@parallel_kernel
+def _sample_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> bool:
+    """Do the same with several threads."""
+    drawn = np.empty(threads, dtype=np.bool_)
+    for part in prange(threads):
+        first, last = share(len(index), part, threads)
+        drawn[part] = _sample(index[first:last], *rest)
+    return bool(drawn.all())
+
+
+@kernel
+def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32]) -> int:
+    """Make the painted cells that are not buildings the targets; return their number."""
+    left = 0
+    painted, walls, kept = grid.reshape(-1), building.reshape(-1), target.reshape(-1)
+    for c in range(len(painted)):
+        keep = painted[c] & ~walls[c] & 1
+        kept[c] = keep
+        left += keep
+    return left
+
+
+@kernel
+def _collect(
+    first: int,
+    last: int,
+    uav: int,
+    position: NDArray[np.int32],
+    done: NDArray[np.bool_],
+    target: NDArray[np.float32],
+    counts: NDArray[Any],
+    remaining: NDArray[np.float64],
+    reward: NDArray[np.float64],
+    views: NDArray[np.uint64],
+    reach: int,
+    value: float,
+) -> None:
+    """Cover what UAV ``uav`` sees in the slots [``first``, ``last``), where it flies on."""
+    side = 2 * reach + 1
+    for i in range(first, last):
+        if done[i, uav]:
+            continue
+        r, c = position[i, uav, 0], position[i, uav, 1]
+        view = views[r, c]
+        gain = 0
+        for y in range(side):
+            for x in range(side):
+                # The view first: it never shows a cell off the map.
+                if view & np.uint64(1) and target[i, r + y - reach, c + x - reach] > 0.0:
+                    target[i, r + y - reach, c + x - reach] = 0.0
+                    remove_target(counts[i], r + y - reach, c + x - reach)
+                    gain += 1
+                view >>= np.uint64(1)
+        remaining[i] -= gain
+        reward[i, uav] += value * gain
+
+
+@parallel_kernel
+def _collect_apart(threads: int, uav: int, position: NDArray[np.int32], *rest: Any) -> None:
+    """Do the same in all slots with several threads."""
+    for part in prange(threads):
+        first, last = share(len(position), part, threads)
+        _collect(first, last, uav, position, *rest)
+
+
+@kernel
+def _gain(views: NDArray[np.uint64], reach: int, target: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Count the targets that the camera sees from each cell, one place of the view after the other: that vectorises."""
+    rows, cols = views.shape
+    gain = np.zeros((rows, cols), dtype=np.int32)
+    bit = np.uint64(0)
+    for down in range(-reach, reach + 1):
+        for right in range(-reach, reach + 1):
+            first, last = max(0, -right), min(cols, cols - right)
+            for r in range(max(0, -down), min(rows, rows - down)):
+                view, sums = views[r, first:last], gain[r, first:last]
+                seen = target[r + down, first + right : last + right]
+                for c in range(last - first):
+                    sums[c] += ((view[c] >> bit) & np.uint64(1)) if seen[c] > 0.0 else np.uint64(0)
+            bit += np.uint64(1)
+    return gain

@@ -1,0 +1,106 @@
+"""How UAVs move: one action, what it costs, and which actions have their effect.
+
+The kernels of a step are called very often, so they take plain arrays: to look at a named tuple of them takes 1.5 µs.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from uavbench.world.city import HOVER, LAND, OFFSETS
+from uavbench.world.kernel import kernel, parallel_kernel, share
+
+
+@kernel
+def wrong_action(actions: NDArray[np.int64]) -> int:
+    """Return the first of the actions (in row-major order) that is out of range; −1 where there is none."""
+    for i in range(len(actions)):
+        for u in range(actions.shape[1]):
+            if actions[i, u] < 0 or actions[i, u] > LAND:
+                return i * actions.shape[1] + u
+    return -1
+
+
+@kernel
+def held_by_active(position: NDArray[np.int32], done: NDArray[np.bool_], i: int, r: int, c: int, first: int) -> bool:
+    """Say whether an active UAV from ``first`` on holds the cell (r, c) in slot ``i``."""
+    held = False
+    for w in range(first, done.shape[1]):
+        held = held or (not done[i, w] and position[i, w, 0] == r and position[i, w, 1] == c)
+    return held
+
+
+@kernel
+def move(
+    first: int,
+    last: int,
+    uav: int,
+    actions: NDArray[np.int64],
+    position: NDArray[np.int32],
+    previous: NDArray[np.int32],
+    budget: NDArray[np.int32],
+    blocked: NDArray[np.int32],
+    landed: NDArray[np.bool_],
+    done: NDArray[np.bool_],
+    reward: NDArray[np.float64],
+    landing: NDArray[np.bool_],
+    no_fly: NDArray[np.bool_],
+    movement: float,
+    safety: float,
+    crash: float,
+) -> None:
+    """Move UAV ``uav`` in the slots [``first``, ``last``), pay its budget, and reward everything but the gain."""
+    rows, cols = no_fly.shape
+    for i in range(first, last):
+        if done[i, uav]:
+            reward[i, uav] = 0.0
+            continue
+        action = actions[i, uav]
+        r, c = position[i, uav, 0], position[i, uav, 1]
+        previous[i, uav, 0], previous[i, uav, 1] = r, c
+        stayed = True
+        if action == LAND:
+            landed[i, uav] = landing[r, c]
+        elif action != HOVER:
+            y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
+            if 0 <= y < rows and 0 <= x < cols and not no_fly[y, x] and not held_by_active(position, done, i, y, x, 0):
+                position[i, uav, 0], position[i, uav, 1] = y, x
+                stayed = False
+            else:
+                blocked[i, uav] += 1
+        budget[i, uav] -= 1
+        paid = 0.0
+        if not landed[i, uav]:
+            paid += movement
+            if stayed and action != HOVER:
+                paid += safety
+            if budget[i, uav] == 0:
+                paid += crash
+        reward[i, uav] = paid
+        done[i, uav] = landed[i, uav] or budget[i, uav] == 0
+
+
+@parallel_kernel
+def move_apart(threads: int, uav: int, actions: NDArray[np.int64], *rest: Any) -> None:
+    """Do the same in all slots with several threads."""
+    for part in prange(threads):
+        first, last = share(len(actions), part, threads)
+        move(first, last, uav, actions, *rest)
+
+
+@kernel
+def write_masks(position: NDArray[np.int32], done: NDArray[np.bool_], masks: NDArray[np.int8], mask: NDArray[np.int8]) -> None:
+    """Write which actions have their effect, shape (B, U, 6), from the map's masks, shape (M, N, 6), and the other UAVs."""
+    slots, uavs = position.shape[:2]
+    for i in range(slots):
+        for u in range(uavs):
+            r, c = position[i, u, 0], position[i, u, 1]
+            for action in range(masks.shape[2]):
+                mask[i, u, action] = masks[r, c, action]
+            if u + 1 < uavs:
+                for action in range(4):
+                    y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
+                    if mask[i, u, action] and held_by_active(position, done, i, y, x, u + 1):
+                        mask[i, u, action] = 0

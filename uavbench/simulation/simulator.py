@@ -1,0 +1,372 @@
+"""The simulator: a batch of episodes, reset from keys and stepped by the rules of the world.
+
+Source: the paper's eqs. (1) and (2), with uavSim settling what they leave open; teams after Bayerlein et al., IEEE OJCOMS
+2021. A step is, for one UAV after the other: move, pay the budget, end or not, and, where the UAV flies on, let the mission
+cover or collect. On a terminal step nothing is covered. A UAV that flies alone is a team of one.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uavbench.simulation.missions import Mission
+from uavbench.simulation.moves import move, move_apart, write_masks, wrong_action
+from uavbench.simulation.options import read_budget, read_noise, read_start, read_uavs
+from uavbench.simulation.outcomes import outcome_of, outcomes_of
+from uavbench.simulation.slots import SimulatorState, put, take
+from uavbench.simulation.starts import draw_starts, scatter_starts
+from uavbench.simulation.state import State, new_state
+from uavbench.world.city import NUM_ACTIONS, City, city_of
+from uavbench.world.episode import Columns, check_number, episode_keys, frozen_columns
+from uavbench.world.resources import scenario_paths
+from uavbench.world.scenario import SPLITS, Scenario, ScenarioError, SplitName
+
+_CUSTOM = len(SPLITS)  # the code of an episode set by hand; those of the others are the places of their splits
+_NAMES: tuple[str, ...] = (*SPLITS, "custom")
+_REDRAWN = 8  # frozen episodes that are drawn again, to see that they are of the scenario as it is
+
+
+class Simulator:
+    """A batch of episodes of one scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What is simulated.
+    num_envs : int
+        Size B of the batch: the number of slots, each of which holds one episode at a time.
+    threads : int
+        How many threads share the slots of a step. The results are the same to the last bit.
+
+    Attributes
+    ----------
+    city : City
+        The static world.
+    slots : ndarray of int64, shape (B,)
+        The numbers of all slots.
+    state : State
+        The state of all slots; `step` and the resets change it in place.
+    mission : Mission
+        The mission, with the arrays that are its own.
+    """
+
+    #: Name of the split of an episode set by hand; its number is −1.
+    CUSTOM = _NAMES[_CUSTOM]
+
+    def __init__(self, scenario: Scenario, num_envs: int, threads: int = 1) -> None:
+        self.scenario = scenario
+        self.num_envs = num_envs
+        self.threads = threads
+        self.city: City = city_of(scenario)
+        self.state: State = new_state(scenario, num_envs, scenario.max_uavs)
+        self.mission: Mission = scenario.mission.make(scenario, self.city, num_envs)
+        self.mission.threads = threads
+        self.slots = np.arange(num_envs)
+        self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
+        self._numbers = np.full(num_envs, -1, dtype=np.int64)
+        self._fitting: set[str] = set()  # splits whose frozen episodes were found to be this scenario's
+        rewards = scenario.rewards
+        state, city = self.state, self.city
+        self._moved = (  # what `move` takes, listed once: the arrays are never reallocated
+            state.position,
+            state.previous,
+            state.budget,
+            state.blocked,
+            state.landed,
+            state.done,
+            state.reward,
+            city.landing,
+            city.no_fly,
+            rewards.movement,
+            rewards.safety,
+            rewards.crash,
+        )
+        self._shape = (num_envs, scenario.max_uavs) if scenario.team else (num_envs,)
+        self._mask_shape = (num_envs, scenario.max_uavs, NUM_ACTIONS)
+
+    def reset(self, index: ArrayLike, split: SplitName, numbers: ArrayLike) -> None:
+        """Start the episodes ``numbers`` of ``split`` in the slots ``index``.
+
+        Parameters
+        ----------
+        index, numbers : array_like of int, shape (K,)
+            Slots, and for each the number of its episode.
+        split : {"train", "validation", "test"}
+            The split.
+
+        Raises
+        ------
+        ValueError
+            When the split has no episode of such a number. Nothing is changed then.
+        """
+        slots = np.asarray(index, dtype=np.int64)
+        wanted = np.asarray(numbers, dtype=np.int64)
+        listed: list[int] = wanted.tolist()
+        for number in (min(listed), max(listed)):
+            check_number(self.scenario, split, number)
+        frozen = frozen_columns(self.scenario, split)
+        if frozen is None:
+            self.sample(slots, episode_keys(split, wanted))
+        else:
+            if split not in self._fitting:
+                self._check_fit(split, frozen)
+            self._restore(slots, {name: column[wanted] for name, column in frozen.items()})
+        self._splits[slots] = SPLITS.index(split)
+        self._numbers[slots] = wanted
+
+    def episode(self, i: int) -> tuple[str, int]:
+        """Return split and number of the episode in slot ``i``; ``("custom", -1)`` when it was set by hand."""
+        return _NAMES[int(self._splits[i])], int(self._numbers[i])
+
+    def episode_code(self, i: int) -> tuple[np.int64, np.int64]:
+        """Return the place of the split of the episode in slot ``i`` in `SPLITS`, and its number; 3 and −1 when set by hand."""
+        return self._splits[i], self._numbers[i]
+
+    def episodes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return for every slot the place of its episode's split in `SPLITS`, and its number; 3 and −1 where set by hand."""
+        return self._splits.copy(), self._numbers.copy()
+
+    def sample(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
+        """Draw the episodes of ``keys`` in the slots ``index``, frozen or not."""
+        self.state.key[index] = keys
+        state = self.state
+        draw_starts(
+            index,
+            state.key,
+            state.uavs,
+            state.position,
+            state.previous,
+            state.budget,
+            state.initial_budget,
+            state.blocked,
+            state.landed,
+            state.done,
+            state.noise,
+            state.reward,
+            self.city.landing_cells,
+            *self.scenario.budget,
+            *(self.scenario.uavs or (1, 1)),
+        )
+        self.mission.sample(state, index)
+
+    def scatter(self, index: NDArray[np.int64]) -> None:
+        """Move the UAVs of episodes just started in the slots ``index`` anywhere, with any budget they can land with.
+
+        For training: a learner sees states that it would seldom come to. Cells, no two alike, and budgets up to the scenario's
+        largest are drawn from the episode's key.
+        """
+        free = np.argwhere(self.city.distance_to_landing >= 0).astype(np.int32)
+        scatter_starts(
+            self.state, np.asarray(index, dtype=np.int64), free, self.city.distance_to_landing, self.scenario.budget[1]
+        )
+        self._splits[index], self._numbers[index] = _CUSTOM, -1
+
+    def get_state(self, index: ArrayLike | None = None) -> SimulatorState:
+        """Return everything that changes in the slots ``index``, as fresh arrays.
+
+        Parameters
+        ----------
+        index : array_like of int, shape (K,), optional
+            Slots; all of them by default.
+
+        Raises
+        ------
+        ValueError, IndexError
+            When ``index`` does not name slots.
+        """
+        return take(self.scenario.digest, self._arrays(), index)
+
+    def set_state(self, state: SimulatorState, index: ArrayLike | None = None) -> None:
+        """Put the slots ``index`` into a state that `get_state` returned: what follows is the same to the last bit.
+
+        Parameters
+        ----------
+        state : SimulatorState
+            Of as many slots as ``index`` names, or of one, which then all of them get. Any simulator of the scenario may
+            have returned it.
+        index : array_like of int, shape (K,), optional
+            Slots; all of them by default.
+
+        Raises
+        ------
+        ValueError, IndexError
+            When the state is of another scenario or of another number of slots, or ``index`` does not name slots. Nothing
+            is changed then.
+        """
+        put(state, self.scenario.digest, self._arrays(), index)
+
+    def snapshot(self) -> Columns:
+        """Return everything that changes, as fresh arrays by name, for a file: `resume` goes on from them."""
+        return self.get_state().arrays
+
+    def resume(self, arrays: Columns) -> None:
+        """Go on from a `snapshot` of a simulator of the same scenario and as many slots; a ValueError says what differs."""
+        self.set_state(SimulatorState(self.scenario.digest, arrays))
+
+    def _arrays(self) -> Columns:
+        """Return all arrays that change, the simulator's own and the mission's, with a row for each slot."""
+        own = {"splits": self._splits, "numbers": self._numbers}
+        return {**self.state._asdict(), **own, **{f"mission.{name}": array for name, array in self.mission.arrays().items()}}
+
+    def columns(self) -> Columns:
+        """Return the episodes of all slots as they started, as columns of a table: what a frozen file holds."""
+        columns = self._columns(np.arange(self.num_envs))
+        if not self.scenario.team:
+            del columns["uavs"]
+            columns["start"], columns["budget"] = columns["start"][:, 0], columns["budget"][:, 0]
+        return {name: column.astype(np.int16) if column.dtype == np.int32 else column for name, column in columns.items()}
+
+    def customise(self, i: int, options: Mapping[str, Any]) -> None:
+        """Set by hand what ``options`` names in the episode just started in slot ``i``; the rest stays as drawn.
+
+        Parameters
+        ----------
+        i : int
+            The slot.
+        options : mapping
+            ``start`` (row, column), ``budget``, ``targets`` (CPP: a mask, shape (M, N)) or ``devices`` (DH: rows of row,
+            column, data), ``noise`` (DH: False switches shadow fading off). In teams ``num_uavs``, a list of starts, and a
+            budget for all or a list of them.
+
+        Raises
+        ------
+        ValueError
+            When a value does not fit the scenario. Nothing is changed then.
+        """
+        noise = read_noise(options)
+        changed = {"num_uavs", "start", "budget", self.mission.option} & options.keys()
+        if changed:
+            self._restore(np.array([i]), self._parse(i, options))
+        if changed or not noise:
+            self._splits[i], self._numbers[i] = _CUSTOM, -1
+        self.state.noise[i] = noise
+
+    def step(self, actions: ArrayLike) -> None:
+        """Fly one action with every UAV, in their order; with one that flies no more nothing happens, for a reward of 0.
+
+        Parameters
+        ----------
+        actions : array_like of int, shape (B,), in teams (B, U)
+            0 north, 1 east, 2 south, 3 west, 4 hover, 5 land.
+
+        Raises
+        ------
+        ValueError
+            When an action is out of range or the shape is wrong. Nothing is changed then.
+        """
+        chosen = np.asarray(actions)
+        if chosen.shape != self._shape or chosen.dtype.kind not in "iu":
+            raise ValueError(f"actions: {chosen.dtype} of shape {chosen.shape}, expected integers, {self._shape}")
+        checked = chosen.astype(np.int64, order="C").reshape(self.num_envs, -1)
+        wrong = wrong_action(checked)
+        if wrong >= 0:
+            raise ValueError(f"actions: {chosen.flat[wrong]} is not an action from 0 to {NUM_ACTIONS - 1}")
+        self.fly(checked)
+
+    def fly(self, actions: NDArray[np.int64]) -> None:
+        """Do what `step` does, with actions that are known to be right: contiguous, shape (B, U), each from 0 to 5."""
+        for uav in range(actions.shape[1]):
+            if self.threads > 1:
+                move_apart(self.threads, uav, actions, *self._moved)
+            else:
+                move(0, self.num_envs, uav, actions, *self._moved)
+            self.mission.collect(self.state, uav)
+
+    def outcomes(self, index: ArrayLike | None = None) -> dict[str, NDArray[Any]]:
+        """Return the metrics of the episodes in the slots ``index`` (all of them by default), each of shape (K,).
+
+        Returns
+        -------
+        dict
+            ``landed`` (bool: every UAV of the team), ``cr`` and ``cral`` (float64, in [0, 1]), ``blocked`` (int64: of all
+            UAVs together).
+        """
+        return outcomes_of(self.state, self.slots if index is None else np.asarray(index, dtype=np.int64))
+
+    def outcome(self, i: int) -> dict[str, bool | float | int]:
+        """Return the metrics of the episode in slot ``i`` as numbers of Python: those of `outcomes`."""
+        return outcome_of(self.state, i)
+
+    def action_mask(self) -> NDArray[np.int8]:
+        """Return which actions have their effect, shape (B, 6), in teams (B, U, 6), freshly allocated.
+
+        UAVs decide at once and move in order, so a cell held by a UAV that moves later is masked: the move is blocked. One
+        held by a UAV that moves before is not: it may be free by then.
+        """
+        mask = np.empty(self._mask_shape, dtype=np.int8)
+        write_masks(self.state.position, self.state.done, self.city.action_mask, mask)
+        return mask.reshape(*self._shape, NUM_ACTIONS)
+
+    def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
+        """Return the episode in slot ``i`` as columns, with what ``options`` name in its place."""
+        scenario, columns = self.scenario, self._columns(np.array([i]))
+        uavs = read_uavs(options, scenario, int(self.state.uavs[i]))
+        columns["uavs"][0] = uavs
+        if "start" in options:
+            columns["start"][0, :uavs] = read_start(options["start"], scenario, self.city, uavs)
+        if "budget" in options:
+            columns["budget"][0, :uavs] = read_budget(options["budget"], scenario, uavs)
+        if self.mission.option in options:
+            columns.update(self.mission.parse(options[self.mission.option]))
+        return columns
+
+    def _check_fit(self, split: SplitName, frozen: Columns) -> None:
+        """Refuse frozen episodes of another map or other parameters: somebody has edited the scenario since."""
+        low, high = self.scenario.budget
+        start, budget = frozen["start"].reshape(-1, 2), frozen["budget"]
+        on_map = (start >= 0).all() and (start < np.array(self.city.shape)).all()
+        fits = on_map and self.city.landing[start[:, 0], start[:, 1]].all()
+        fits &= ("uavs" in frozen) == self.scenario.team and len(start) >= self.scenario.max_uavs * len(budget)
+        fits = fits and budget.min() >= low and budget.max() <= high and self.mission.fits(frozen)
+        if not fits or not self._draws(frozen):
+            raise ScenarioError(
+                f"{self.scenario.path}: splits.{split}.file: its episodes do not fit the scenario, which has changed "
+                "since they were frozen: choose a new id, remove the [splits] that name files, and run uavbench freeze; or, if "
+                "nobody has seen a result yet, uavbench freeze --replace"
+            )
+        self._fitting.add(split)
+
+    def _draws(self, frozen: Columns) -> bool:
+        """Say whether the scenario draws the first frozen episodes from their keys: a wider range of budgets fits, but differs.
+
+        Shipped scenarios are not asked: their files hold whatever a generator may become.
+        """
+        if scenario_paths().get(self.scenario.id) == self.scenario.path:
+            return True
+        keys = frozen["key"][:_REDRAWN]
+        again = Simulator(self.scenario, len(keys))
+        again.sample(np.arange(len(keys)), keys)
+        drawn = again.columns()
+        return drawn.keys() == frozen.keys() and all(
+            column.shape == frozen[name][: len(keys)].shape
+            and np.allclose(column, frozen[name][: len(keys)], rtol=1e-9, atol=0)
+            for name, column in drawn.items()
+        )
+
+    def _columns(self, index: NDArray[np.int64]) -> Columns:
+        """Return the episodes in the slots ``index`` as they are now, as columns of a table."""
+        state = self.state
+        return {
+            "key": state.key[index],
+            "uavs": state.uavs[index],
+            "start": state.position[index],
+            "budget": state.initial_budget[index],
+            **self.mission.columns(state, index),
+        }
+
+    def _restore(self, index: NDArray[np.int64], columns: Columns) -> None:
+        """Start the episodes of the rows of ``columns`` in the slots ``index``."""
+        state = self.state
+        min_uavs, max_uavs = self.scenario.uavs or (1, 1)
+        state.key[index] = columns["key"]
+        # `Scenario.with_uavs` may ask for more or fewer than the frozen episode has.
+        state.uavs[index] = np.clip(columns.get("uavs", 1), min_uavs, max_uavs)
+        state.position[index] = state.previous[index] = columns["start"].reshape(len(index), -1, 2)[:, :max_uavs]
+        state.budget[index] = state.initial_budget[index] = columns["budget"].reshape(len(index), -1)[:, :max_uavs]
+        state.blocked[index] = 0
+        state.landed[index] = state.done[index] = np.arange(max_uavs) >= state.uavs[index, None]
+        state.noise[index] = True
+        state.reward[index] = 0.0
+        self.mission.restore(state, index, columns)

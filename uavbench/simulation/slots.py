@@ -1,0 +1,55 @@
+"""Copying slots of a batch out of arrays and back into them: what `uavbench.simulation.simulator.Simulator` calls a state."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from uavbench.world.episode import Columns
+
+
+class SimulatorState(NamedTuple):
+    """The state of some slots: copies that no simulator changes. It can be pickled.
+
+    Attributes
+    ----------
+    digest : str
+        The scenario's.
+    arrays : dict of str to ndarray
+        The rows of all arrays that change, of as many slots in each.
+    """
+
+    digest: str
+    arrays: Columns
+
+
+def take(digest: str, arrays: Columns, index: ArrayLike | None) -> SimulatorState:
+    """Copy the rows ``index`` of arrays with a row for each slot; all of them where it is None."""
+    if index is None:
+        return SimulatorState(digest, {name: array.copy() for name, array in arrays.items()})
+    slots = _slots(index)
+    return SimulatorState(digest, {name: array[slots] for name, array in arrays.items()})
+
+
+def put(state: SimulatorState, digest: str, arrays: Columns, index: ArrayLike | None) -> None:
+    """Copy a state to the rows ``index`` of arrays; all of them where it is None. A ValueError changes nothing."""
+    slots = slice(None) if index is None else _slots(index)
+    wanted = len(arrays["key"][slots])  # an IndexError where there is no such slot
+    if state.digest != digest:
+        raise ValueError(f"state: it is of the scenario with the digest {state.digest[:12]}…, not {digest[:12]}…")
+    for name in sorted(state.arrays.keys() | arrays.keys()):
+        given, array = state.arrays.get(name), arrays.get(name)
+        if given is None or array is None or given.dtype != array.dtype or given.shape[1:] != array.shape[1:]:
+            raise ValueError(f"state: its {name} does not fit: another version of the suite or of the mission wrote it")
+        if len(given) not in (1, wanted):
+            raise ValueError(f"state: it is of {len(given)} slots, and is to be set in {wanted}")
+    for name, array in arrays.items():
+        array[slots] = state.arrays[name]
+
+
+def _slots(index: ArrayLike) -> NDArray[np.integer]:
+    """Return slots as an array."""
+    slots = np.asarray(index)
+    if slots.ndim != 1 or slots.dtype.kind not in "iu":
+        raise ValueError(f"index: {slots.dtype} of shape {slots.shape}, expected integers, (number of slots,)")
+    return slots

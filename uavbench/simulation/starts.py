@@ -1,0 +1,76 @@
+"""How an episode starts: how many UAVs, from which cells, with which budgets; drawn from the episode's key."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.simulation.state import State
+from uavbench.world.kernel import kernel
+from uavbench.world.keyed import SCATTER, START, TEAM, next_integer, stream
+
+
+@kernel
+def draw_starts(
+    index: NDArray[np.int64],
+    key: NDArray[np.uint64],
+    uavs: NDArray[np.int32],
+    position: NDArray[np.int32],
+    previous: NDArray[np.int32],
+    budget: NDArray[np.int32],
+    initial_budget: NDArray[np.int32],
+    blocked: NDArray[np.int32],
+    landed: NDArray[np.bool_],
+    done: NDArray[np.bool_],
+    noise: NDArray[np.bool_],
+    reward: NDArray[np.float64],
+    landing_cells: NDArray[np.int32],
+    low: int,
+    high: int,
+    min_uavs: int,
+    max_uavs: int,
+) -> None:
+    """Draw how many UAVs fly, start cells and budgets of the slots ``index``, and clear what an earlier episode left.
+
+    Cells and budgets are drawn for as many UAVs as there may be, so that those of the first do not depend on how many fly.
+    """
+    cursor = np.empty(1, dtype=np.uint64)
+    for n in range(len(index)):
+        i = int(index[n])
+        cursor[0] = stream(key[i], TEAM)
+        uavs[i] = min_uavs + next_integer(cursor, max_uavs - min_uavs + 1)
+        cursor[0] = stream(key[i], START)
+        noise[i] = True
+        for u in range(max_uavs):
+            r, c, taken = 0, 0, True
+            while taken:
+                r, c = landing_cells[next_integer(cursor, len(landing_cells))]
+                taken = False
+                for w in range(u):
+                    taken = taken or (position[i, w, 0] == r and position[i, w, 1] == c)
+            position[i, u, 0], position[i, u, 1] = r, c
+            previous[i, u, 0], previous[i, u, 1] = r, c
+            budget[i, u] = initial_budget[i, u] = low + next_integer(cursor, high - low + 1)
+            blocked[i, u] = 0
+            landed[i, u] = done[i, u] = u >= uavs[i]
+            reward[i, u] = 0.0
+
+
+@kernel
+def scatter_starts(
+    state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int
+) -> None:
+    """Draw cells among ``free``, and budgets that allow to land, for the UAVs of the slots ``index``."""
+    cursor = np.empty(1, dtype=np.uint64)
+    for n in range(len(index)):
+        i = int(index[n])
+        cursor[0] = stream(state.key[i], SCATTER)
+        for u in range(state.uavs[i]):
+            r, c, taken = 0, 0, True
+            while taken:
+                r, c = free[next_integer(cursor, len(free))]
+                taken = home[r, c] >= largest
+                for w in range(u):
+                    taken = taken or (state.position[i, w, 0] == r and state.position[i, w, 1] == c)
+            state.position[i, u, 0], state.position[i, u, 1] = r, c
+            state.previous[i, u] = state.position[i, u]
+            least = int(home[r, c]) + 1
+            state.budget[i, u] = state.initial_budget[i, u] = least + next_integer(cursor, largest - least + 1)

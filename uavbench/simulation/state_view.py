@@ -1,0 +1,107 @@
+"""What an agent on the state track sees: everything but the noise to come."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.simulation.simulator import Simulator
+from uavbench.world.city import City
+from uavbench.world.scenario import Scenario
+
+
+class StateView:
+    """A read-only view of one running episode, by one of its UAVs. It follows the episode: read it anew at every decision.
+
+    Attributes
+    ----------
+    scenario : Scenario
+        All parameters.
+    city : City
+        Layers, distances, lines of sight.
+    uav : int
+        Which UAV it is, 0 being the first to move.
+    """
+
+    __slots__ = ("_i", "_simulator", "city", "scenario", "uav")
+
+    def __init__(self, simulator: Simulator, i: int, uav: int = 0) -> None:
+        self.scenario: Scenario = simulator.scenario
+        self.city: City = simulator.city
+        self._simulator = simulator
+        self._i = i
+        self.uav = uav
+
+    @property
+    def position(self) -> tuple[int, int]:
+        """The UAV's cell (row, column)."""
+        r, c = self._simulator.state.position[self._i, self.uav].tolist()
+        return r, c
+
+    @property
+    def budget(self) -> int:
+        """Actions left."""
+        return int(self._simulator.state.budget[self._i, self.uav])
+
+    @property
+    def positions(self) -> NDArray[np.int32]:
+        """The cells of the team's UAVs, shape (U, 2), those that fly no more included."""
+        return _read_only(self._simulator.state.position[self._i, : self._uavs])
+
+    @property
+    def budgets(self) -> NDArray[np.int32]:
+        """The team's budgets, shape (U,)."""
+        return _read_only(self._simulator.state.budget[self._i, : self._uavs])
+
+    @property
+    def active(self) -> NDArray[np.bool_]:
+        """Which of the team's UAVs still fly, shape (U,)."""
+        return _read_only(~self._simulator.state.done[self._i, : self._uavs])
+
+    @property
+    def target(self) -> NDArray[np.float32]:
+        """The target map D(t), shape (M, N): 1 where a cell is still to cover, or the data left at a device's cell."""
+        return _read_only(self._simulator.state.target[self._i])
+
+    @property
+    def total(self) -> float:
+        """Target cells or data units at the start."""
+        return float(self._simulator.state.total[self._i])
+
+    @property
+    def remaining(self) -> float:
+        """Target cells or data units left."""
+        return float(self._simulator.state.remaining[self._i])
+
+    @property
+    def device_cell(self) -> NDArray[np.int32]:
+        """DH: the devices' cells, shape (K, 2)."""
+        return self._mission("device_cell")
+
+    @property
+    def device_data(self) -> NDArray[np.float64]:
+        """DH: the data left at each device, shape (K,)."""
+        return self._mission("device_data")
+
+    @property
+    def _uavs(self) -> int:
+        return int(self._simulator.state.uavs[self._i])
+
+    def __getattr__(self, name: str) -> NDArray[Any]:
+        """Return what else the mission shows: see `uavbench.simulation.missions.Mission.view`."""
+        if name.startswith("_"):  # while a copy is being made there is nothing yet
+            raise AttributeError(name)
+        return self._mission(name)
+
+    def _mission(self, name: str) -> NDArray[Any]:
+        arrays = self._simulator.mission.view(self._i)
+        if name not in arrays:
+            raise AttributeError(f"{self.scenario.id} has no {name}: its mission is {self.scenario.mission.kind}")
+        return _read_only(arrays[name])
+
+
+def _read_only(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a copy: whatever an agent does to its flags, the simulator's array stays as it is."""
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy

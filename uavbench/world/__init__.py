@@ -1,0 +1,1 @@
+"""What is fixed and what is drawn: scenarios, cities, episodes, keyed random numbers, and the files that are shipped."""

@@ -1,0 +1,216 @@
+"""The static world of a scenario: its layers, lines of sight and distances."""
+
+from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.world.kernel import kernel
+from uavbench.world.scenario import BUILDING, LANDING, NO_FLY, Scenario
+
+NORTH, EAST, SOUTH, WEST, HOVER, LAND = range(6)
+NUM_ACTIONS = 6
+#: Row and column offset of each action.
+OFFSETS = np.array([(-1, 0), (0, 1), (1, 0), (0, -1), (0, 0), (0, 0)], dtype=np.int32)
+OFFSETS.flags.writeable = False
+
+
+_OFFSETS: list[tuple[int, int]] = [(down, right) for down, right in OFFSETS.tolist()]
+
+
+def neighbour(cell: tuple[int, int], action: int) -> tuple[int, int]:
+    """Return the cell to which ``action`` leads from ``cell``, if nothing blocks it."""
+    return cell[0] + _OFFSETS[action][0], cell[1] + _OFFSETS[action][1]
+
+
+def action_between(cell: tuple[int, int], other: tuple[int, int]) -> int:
+    """Return the move from ``cell`` to its neighbour ``other``, or ``HOVER`` where both are the same cell."""
+    return _OFFSETS.index((other[0] - cell[0], other[1] - cell[1]))
+
+
+class City:
+    """The static world. All arrays are read-only; M rows, N columns.
+
+    Parameters
+    ----------
+    rows : sequence of str
+        The map as in `Scenario.rows`.
+
+    Attributes
+    ----------
+    landing, no_fly, building : ndarray of bool, shape (M, N)
+        The layers; ``no_fly`` holds no-fly zones and buildings.
+    landing_cells : ndarray of int32, shape (K, 2)
+        The cells of the landing zones in row-major order.
+    action_mask : ndarray of int8, shape (M, N, 6)
+        1 where an action has its effect at a cell: a move that is not blocked, ``hover``, ``land`` in a landing zone.
+    distance_to_landing : ndarray of int32, shape (M, N)
+        Moves from a cell to the nearest landing cell; −1 where there is no way.
+    """
+
+    def __init__(self, rows: Sequence[str]) -> None:
+        cells = np.array([list(row) for row in rows])
+        self.shape: tuple[int, int] = (cells.shape[0], cells.shape[1])
+        self.landing: NDArray[np.bool_] = cells == LANDING
+        self.building: NDArray[np.bool_] = cells == BUILDING
+        self.no_fly: NDArray[np.bool_] = (cells == NO_FLY) | self.building
+        self.landing_cells: NDArray[np.int32] = np.argwhere(self.landing).astype(np.int32)
+        self.action_mask: NDArray[np.int8] = _action_mask(self.landing, self.no_fly)
+        self.distance_to_landing: NDArray[np.int32] = _distances(self.no_fly, self.landing_cells)
+        for array in vars(self).values():
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
+
+    def distances(self, cell: Sequence[int], avoid: Iterable[tuple[int, int]] = ()) -> NDArray[np.int32]:
+        """Return the moves from ``cell`` to every cell; shape (M, N), −1 where there is no way.
+
+        Parameters
+        ----------
+        cell : (int, int)
+            Where the way begins.
+        avoid : iterable of (int, int)
+            Cells that it must go around besides the no-fly cells: those of other UAVs.
+        """
+        closed = self.no_fly
+        for n, held in enumerate(avoid):
+            closed = closed if n else closed.copy()
+            closed[held] = True
+        return _distances(closed, np.array([cell], dtype=np.int32))
+
+    def safe_action_mask(self, positions: NDArray[np.integer[Any]], budgets: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+        """Return after which actions a UAV alone can still land, or has; shape (B, 6). All, where that is past hope.
+
+        Parameters
+        ----------
+        positions : ndarray of int, shape (B, 2)
+            Cells with a way home.
+        budgets : ndarray of int, shape (B,)
+            Actions left.
+        """
+        row, col = positions[:, 0], positions[:, 1]
+        mask = self.action_mask[row, col] > 0
+        there = positions[:, None] + mask[..., None] * OFFSETS  # what is blocked stays
+        possible = self.distance_to_landing[there[..., 0], there[..., 1]] + 1 <= budgets[:, None] - 1
+        possible[:, LAND] |= self.landing[row, col]
+        return possible | ~possible.any(axis=1, keepdims=True)
+
+    def step_towards(self, distance: NDArray[np.integer[Any]], cell: tuple[int, int]) -> int:
+        """Return the first move, in the order of the actions, that leads from ``cell`` one move nearer to where ``distance`` is 0.
+
+        Parameters
+        ----------
+        distance : ndarray of int, shape (M, N)
+            Moves from every cell to a goal, −1 where there is no way: from `distances`, or `distance_to_landing`.
+        cell : (int, int)
+            A cell with a way to the goal, and not the goal itself.
+
+        Raises
+        ------
+        ValueError
+            When no neighbour is nearer.
+        """
+        for action in (NORTH, EAST, SOUTH, WEST):
+            r, c = neighbour(cell, action)
+            if 0 <= r < self.shape[0] and 0 <= c < self.shape[1] and distance[r, c] == distance[cell] - 1 >= 0:
+                return action
+        raise ValueError(f"cell: {cell} has no neighbour that is nearer to the goal")
+
+    def visible(self, cell: Sequence[int]) -> NDArray[np.bool_]:
+        """Return the cells that a ray from ``cell`` reaches before its first building; shape (M, N)."""
+        seen = np.zeros(self.shape, dtype=np.bool_)
+        mark_visible(self.building, cell[0], cell[1], sum(self.shape), seen)
+        return seen
+
+
+@lru_cache(maxsize=32)
+def _city_of_rows(rows: tuple[str, ...]) -> City:
+    return City(rows)
+
+
+def city_of(scenario: Scenario) -> City:
+    """Return the scenario's city; scenarios on one map share it."""
+    return _city_of_rows(scenario.rows)
+
+
+def _action_mask(landing: NDArray[np.bool_], no_fly: NDArray[np.bool_]) -> NDArray[np.int8]:
+    """Return which actions have their effect at each cell."""
+    rows, cols = no_fly.shape
+    padded = np.pad(no_fly, 1, constant_values=True)
+    mask = np.ones((rows, cols, NUM_ACTIONS), dtype=np.int8)
+    for action in (NORTH, EAST, SOUTH, WEST):
+        down, right = OFFSETS[action]
+        mask[:, :, action] = ~padded[1 + down : 1 + down + rows, 1 + right : 1 + right + cols]
+    mask[:, :, LAND] = landing
+    return mask
+
+
+@kernel
+def _distances(no_fly: NDArray[np.bool_], sources: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Breadth-first search from ``sources`` over the cells that are not ``no_fly``."""
+    rows, cols = no_fly.shape
+    distance = np.full((rows, cols), -1, dtype=np.int32)
+    queue = np.empty((rows * cols, 2), dtype=np.int32)
+    head = tail = 0
+    for k in range(len(sources)):
+        distance[sources[k, 0], sources[k, 1]] = 0
+        queue[tail] = sources[k]
+        tail += 1
+    while head < tail:
+        r, c = queue[head]
+        head += 1
+        for action in range(4):
+            y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
+            if 0 <= y < rows and 0 <= x < cols and not no_fly[y, x] and distance[y, x] < 0:
+                distance[y, x] = distance[r, c] + 1
+                queue[tail, 0], queue[tail, 1] = y, x
+                tail += 1
+    return distance
+
+
+@kernel
+def mark_visible(building: NDArray[np.bool_], r: int, c: int, steps: int, seen: NDArray[np.bool_]) -> None:
+    """Mark in ``seen`` what is visible from (r, c), at most ``steps`` moves away: a ray to each border cell.
+
+    Visibility is not symmetric: rays start at the one who looks (camera: the UAV; radio: the device).
+    """
+    rows, cols = building.shape
+    walls, marks = building.reshape(-1), seen.reshape(-1)
+    seen[r, c] = True
+    for x in range(cols):
+        _cast(walls, cols, r, c, 0, x, steps, marks)
+        _cast(walls, cols, r, c, rows - 1, x, steps, marks)
+    for y in range(1, rows - 1):
+        _cast(walls, cols, r, c, y, 0, steps, marks)
+        _cast(walls, cols, r, c, y, cols - 1, steps, marks)
+
+
+@kernel
+def _cast(
+    building: NDArray[np.bool_],
+    cols: int,
+    r0: int,
+    c0: int,
+    r1: int,
+    c1: int,
+    steps: int,
+    seen: NDArray[np.bool_],
+) -> None:
+    """Mark the cells on the ray from (r0, c0) to (r1, c1) before its first building, at most ``steps`` moves away.
+
+    The source itself is not looked at: a ray leaves a building (as in uavSim, where no UAV or device is ever in one).
+    A variant of Bresenham's line in which one step moves one axis only, as uavSim has it. ``building`` and ``seen`` are
+    flattened, and the step is selected without a branch: which axis is next is what a processor cannot predict.
+    """
+    dx, dy = abs(c0 - c1), -abs(r0 - r1)
+    step_c, step_r = (1 if c1 > c0 else -1), (cols if r1 > r0 else -cols)
+    error = dx + dy
+    cell = r0 * cols + c0
+    for _ in range(min(dx - dy, steps)):
+        along = 4 * error > dx + dy  # 2e − dy > dx − 2e
+        error += dy if along else dx
+        cell += step_c if along else step_r
+        if building[np.uint64(cell)]:  # unsigned: Numba need not check for negative indices
+            return
+        seen[np.uint64(cell)] = True

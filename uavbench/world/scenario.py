@@ -1,0 +1,343 @@
+"""What a scenario is: everything fixed under one id. Load, validate, identify.
+
+Source: Theile et al., ICAR 2021; the values of the shipped scenarios stand in ``scenarios/*.toml``.
+"""
+
+import difflib
+import hashlib
+import json
+import operator
+from collections import deque
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal, SupportsIndex
+
+from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError, field_validator, model_validator
+
+from uavbench.errors import UavbenchError, one_line
+from uavbench.world import resources
+from uavbench.world.files import FileError, read_text, read_toml
+from uavbench.world.parameters import (
+    BUILDING,
+    FREE,
+    LANDING,
+    NO_FLY,
+    Count,
+    MissionParameters,
+    ObservationSizes,
+    Record,
+    Rewards,
+    TeamSize,
+    ordered,
+)
+from uavbench.world.registry import read_mission
+
+_TABLE_BYTES = 2**30  # of what is computed in advance for the local observation
+
+SplitName = Literal["train", "validation", "test"]
+SPLITS: tuple[SplitName, ...] = ("train", "validation", "test")
+
+
+class ScenarioError(UavbenchError, ValueError):
+    """A scenario that cannot be used; the message names the file, the field and the reason."""
+
+
+class Split(Record):
+    """A split of fixed size.
+
+    Attributes
+    ----------
+    episodes : int
+        Number of episodes.
+    file : str, optional
+        The frozen episodes, relative to the scenario's file; without it they are drawn from their keys.
+    sha256 : str, optional
+        SHA-256 of that file.
+    """
+
+    episodes: Count
+    file: str | None = None
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+
+    @model_validator(mode="after")
+    def _file_with_digest(self) -> "Split":
+        if (self.file is None) != (self.sha256 is None):
+            raise ValueError("file and sha256 go together: give both, or neither")
+        return self
+
+
+class Splits(Record):
+    """The splits of fixed size; ``train`` has 2⁶² episodes and needs no entry."""
+
+    validation: Split = Split(episodes=200)
+    test: Split = Split(episodes=1000)
+
+
+class Scenario(Record):
+    """Everything fixed under one id.
+
+    Attributes
+    ----------
+    id : str
+        The name, ending in its version: ``Manhattan32-CPP-v0``.
+    title : str
+        One line for tables.
+    map : str
+        The map's file, relative to the scenario's; see `rows`.
+    budget : (int, int)
+        Least and most movement budget of an episode; in a team each UAV has its own.
+    uavs : (int, int), optional
+        Least and most UAVs of an episode, at most 16. Given, the scenario is a team's; without, one UAV flies alone.
+    rewards, observation, mission, splits
+        See their classes.
+    rows : tuple of str
+        The map, one character a cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building.
+    path : Path
+        The file it was read from.
+    """
+
+    id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
+    title: str
+    map: str
+    budget: tuple[Count, Count]
+    uavs: tuple[TeamSize, TeamSize] | None = None
+    rewards: Rewards
+    observation: ObservationSizes
+    mission: SerializeAsAny[Annotated[MissionParameters, BeforeValidator(read_mission)]]
+    splits: Splits = Splits()
+    rows: tuple[str, ...]
+    path: Path
+
+    _ranges = field_validator("budget")(ordered)
+
+    @field_validator("uavs")
+    @classmethod
+    def _team(cls, bounds: tuple[int, int] | None) -> tuple[int, int] | None:
+        if bounds is not None:
+            ordered(bounds)
+        return bounds
+
+    @field_validator("rows")
+    @classmethod
+    def _map(cls, rows: tuple[str, ...]) -> tuple[str, ...]:
+        _check_map(rows)
+        return rows
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Scenario":
+        _check_sizes(self.observation, self.shape)
+        starts = sum(row.count(LANDING) for row in self.rows)
+        if starts < self.max_uavs:
+            raise ValueError(f"uavs: up to {self.max_uavs} start in landing cells of their own, and the map has {starts}")
+        self.mission.check_map(self.rows)
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the map."""
+        return len(self.rows), len(self.rows[0])
+
+    @property
+    def observation_bytes(self) -> int:
+        """Bytes that the observation of one UAV takes."""
+        (rows, cols), sizes = self.shape, self.observation
+        cells = sizes.local_size**2 + (2 * rows - 1) // sizes.global_scale * ((2 * cols - 1) // sizes.global_scale)
+        return 4 * (6 if self.team else 4) * cells
+
+    @property
+    def team(self) -> bool:
+        """Whether UAVs fly as a team, and see each other, even if an episode has only one."""
+        return self.uavs is not None
+
+    @property
+    def max_uavs(self) -> int:
+        """Most UAVs of an episode."""
+        return self.uavs[1] if self.uavs else 1
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of everything that defines the scenario; titles and file names do not."""
+        parts = self.model_dump(mode="json", exclude={"title", "map", "path"}, exclude_defaults=True)
+        for part in (parts["mission"], *parts.get("splits", {}).values()):
+            part.pop("file", None)  # its SHA-256 stays
+        return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    def with_observation(self, local_size: int | None = None, global_scale: int | None = None) -> "Scenario":
+        """Return the same scenario observed with another local size or global scale.
+
+        Raises
+        ------
+        ValueError
+            When the sizes do not fit the map.
+        """
+        sizes = {"local_size": local_size, "global_scale": global_scale}
+        changed = {name: size for name, size in sizes.items() if size is not None}
+        try:
+            observation = ObservationSizes(**{**self.observation.model_dump(), **changed})
+        except ValidationError as error:
+            raise ValueError(_first(error)) from None
+        _check_sizes(observation, self.shape)
+        return self._changed(observation=observation)
+
+    def with_uavs(self, number: SupportsIndex) -> "Scenario":
+        """Return the same scenario with ``number`` UAVs in every episode: those that it draws first.
+
+        Raises
+        ------
+        ValueError
+            When the scenario is not a team's, or has fewer.
+        """
+        if self.uavs is None:
+            raise ValueError(f"num_uavs: {self.id} is for one UAV; the scenarios for teams have Team in their ids")
+        try:
+            uavs = 0 if isinstance(number, bool) else operator.index(number)
+        except TypeError:
+            uavs = 0
+        if not 1 <= uavs <= self.max_uavs:
+            raise ValueError(f"num_uavs: {number!r} is not an integer from 1 to {self.max_uavs}, the most of {self.id}")
+        return self._changed(uavs=(uavs, uavs))
+
+    def _changed(self, **changes: object) -> "Scenario":
+        copy = self.model_copy(update=changes)
+        vars(copy).pop("digest", None)  # cached, of the scenario copied from
+        return copy
+
+
+def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
+    """Refuse observation sizes that the centred map does not hold."""
+    largest = 2 * min(shape) - 1
+    for name, size in observation.model_dump().items():
+        if size > largest:
+            raise ValueError(f"observation.{name}: {size} exceeds {largest}, the shorter side of the centred map")
+    rows, cols = shape
+    size = observation.local_size
+    needed = 3 * 4 * cols * (rows + size) * size  # bytes: three static layers, cut out for every cell in advance
+    if needed > _TABLE_BYTES:
+        raise ValueError(
+            f"observation.local_size: {size} on a map of {rows} × {cols} cells needs a table of {needed >> 20:,} MB, "
+            f"and at most {_TABLE_BYTES >> 20:,} MB are allowed: choose a smaller one"
+        )
+
+
+def _check_map(rows: tuple[str, ...]) -> None:
+    """Refuse a map that is ragged, too small or large, misspelt, without a landing cell, or with one out of reach."""
+    if not rows or not 4 <= len(rows) <= 1024 or not 4 <= len(rows[0]) <= 1024:
+        raise ValueError(f"{len(rows)} rows × {len(rows[0]) if rows else 0} columns: both must be 4 to 1024")
+    for r, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise ValueError(f"row {r} has {len(row)} cells, row 0 has {len(rows[0])}: all rows must be of one length")
+        if not row.isprintable():
+            raise ValueError("this is no map: write rows of '.', 'L', 'N' and '#', as text")
+        for c, cell in enumerate(row):
+            if cell not in (FREE, LANDING, NO_FLY, BUILDING):
+                raise ValueError(f"row {r}, column {c}: unknown cell {cell!r}; use '.', 'L', 'N' or '#'")
+    landing = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == LANDING]
+    if not landing:
+        raise ValueError("there is no landing cell: mark at least one cell with 'L'")
+    reached, queue = {landing[0]}, deque([landing[0]])
+    while queue:
+        r, c = queue.popleft()
+        for near in ((r - 1, c), (r, c + 1), (r + 1, c), (r, c - 1)):
+            inside = 0 <= near[0] < len(rows) and 0 <= near[1] < len(rows[0])
+            if inside and near not in reached and rows[near[0]][near[1]] in (FREE, LANDING):
+                reached.add(near)
+                queue.append(near)
+    if len(reached) == sum(rows[r][c] == LANDING for r, c in reached):
+        raise ValueError(f"the landing zone at {landing[0]} is unreachable: no free cell leads to it")
+    for cell in landing:
+        if cell not in reached:
+            raise ValueError(f"the landing cell {cell} is unreachable from the landing cell {landing[0]}")
+
+
+_MAP_BYTES = 2**21  # twice what the largest map takes
+_TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's names of errors where a table was expected
+_REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
+
+
+def _first(error: ValidationError) -> str:
+    """Say the first thing wrong as ``field: reason``, and how many more there are."""
+    # An unknown key first: a misspelt one is also a missing one, and that says less.
+    first = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")[0]
+    place = ".".join(str(part) for part in first["loc"])
+    reason = _REASONS.get(first["type"], first["msg"].removeprefix("Value error, "))
+    if first["type"] in _TABLES:
+        reason = f"{first['input']!r} is not a table: write [{place}], and its values below"
+    elif first["type"] == "string_pattern_mismatch":
+        reason = f"{first['input']!r} is not of the form expected" + (", as in MyCity-CPP-v0" if place == "id" else "")
+    more = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
+    return (f"{place}: {reason}" if place else reason) + more
+
+
+def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
+    """Read a map's rows."""
+    try:
+        return tuple(read_text(path, _MAP_BYTES).rstrip().split("\n"))
+    except FileError as error:
+        raise ScenarioError(f"{scenario}: map: {error}") from None
+
+
+def _load(path: Path, run_code: bool = True) -> Scenario:
+    """Load the TOML file ``path``, and the map and the mission's file that it names."""
+    try:
+        values = read_toml(path)
+    except FileError as error:
+        raise ScenarioError(str(error)) from None
+    for name in ("rows", "path"):
+        if name in values:
+            raise ScenarioError(f"{path}: {name}: unknown key")
+    if isinstance(values.get("map"), str):
+        values["rows"] = _read_map(path.parent / values["map"], path)
+    mission: Any = values.get("mission")
+    if isinstance(mission, dict) and isinstance(mission.get("file"), str):  # pyright: ignore[reportUnknownMemberType]
+        if not run_code:
+            reason = "it is code, and runs only if you name the scenario yourself"
+            raise ScenarioError(f"{path}: mission.file: {reason}: --scenario {path}")
+        mission["file"] = path.parent / mission["file"]
+    try:
+        return Scenario(**values, path=path)
+    except ValidationError as error:
+        reason = _first(error)
+        where = f"{path.parent / values['map']}" if reason.startswith("rows") else f"{path}"
+        raise ScenarioError(f"{where}: {reason.replace('rows', 'map', 1) if where != str(path) else reason}") from None
+
+
+def _absolute(path: Path) -> Path:
+    """Return where a scenario's file is."""
+    try:
+        return path.expanduser().resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # of links in a circle, an unknown user's ~, a NUL
+        raise ScenarioError(f"{one_line(path)}: no file can have this name: {one_line(error)}") from None
+
+
+def load_scenario(id_or_path: str | Path, run_code: bool = True) -> Scenario:
+    """Load a shipped scenario by its id, or a user's own by the path of its TOML file.
+
+    Parameters
+    ----------
+    id_or_path : str or Path
+        ``"Manhattan32-CPP-v0"``, or a path that ends in ``.toml``.
+    run_code : bool
+        Whether a scenario may name a Python file that defines its mission, which is imported then. Pass False where a
+        stranger may have chosen the path.
+
+    Raises
+    ------
+    ScenarioError
+        When there is no such scenario, or it is not valid; the message names file, field and reason.
+    """
+    shipped = resources.scenario_paths()
+    name = str(id_or_path).removeprefix("uavbench/")
+    if name in shipped:
+        path = shipped[name]
+    elif str(id_or_path).endswith(".toml"):
+        path = _absolute(Path(id_or_path))
+    else:
+        alike = {each.lower(): each for each in shipped}
+        near = difflib.get_close_matches(name.lower(), alike, n=1, cutoff=0.4)
+        hint = f"did you mean {alike[near[0]]}?" if near else f"known are {', '.join(shipped)};"
+        raise ScenarioError(f"{id_or_path}: unknown scenario; {hint} your own is given by the path of its .toml file")
+    scenario = _load(path, run_code)
+    original = shipped.get(scenario.id, path)
+    if original != path and _load(original).digest != scenario.digest:
+        raise ScenarioError(f"{path}: id: {scenario.id} is a shipped scenario and means something else; choose another id")
+    return scenario
