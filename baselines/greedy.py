@@ -9,9 +9,7 @@ In a team the best pair of UAV and goal is settled first, and what it will cover
 import numpy as np
 
 from uavbench.simulation.missions.coverage import camera_gain, camera_views
-from uavbench.world.city import HOVER, LAND, OFFSETS
-
-MOVES = [tuple(offset) for offset in OFFSETS[:4].tolist()]  # north, east, south, west
+from uavbench.world.city import HOVER, LAND, action_between, neighbour
 
 
 class Agent:
@@ -35,7 +33,7 @@ class Agent:
             action = self._towards(state, goals[k], others) if k in goals else self._homeward(state, others)
             actions.append(action)
             if action < HOVER:
-                held[k] = self._neighbour(state.position, action)
+                held[k] = neighbour(state.position, action)
         return actions
 
     def _goals(self, states):
@@ -103,9 +101,9 @@ class Agent:
         home, cell = state.city.distance_to_landing, state.position
         if home[cell] == 0:
             return LAND
-        step = self._nearer(home, cell)
-        if step not in others:
-            return self._move(cell, step)
+        action = state.city.step_towards(home, cell)
+        if neighbour(cell, action) not in others:
+            return action
         away = state.city.distances(cell, avoid=others)
         free = np.where(state.city.landing & (away >= 0), away, away.size)
         return self._towards(state, divmod(int(np.argmin(free)), free.shape[1]), others)
@@ -116,24 +114,5 @@ class Agent:
         if away[goal] <= 0:
             return HOVER
         while away[goal] > 1:
-            goal = self._nearer(away, goal)
-        return self._move(state.position, goal)
-
-    def _nearer(self, distance, cell):
-        """Return a neighbour of ``cell`` at one move less of ``distance``."""
-        for action in range(4):
-            r, c = self._neighbour(cell, action)
-            inside = 0 <= r < distance.shape[0] and 0 <= c < distance.shape[1]
-            if inside and distance[r, c] == distance[cell] - 1:
-                return r, c
-        raise AssertionError("distances go down by one at every move")
-
-    @staticmethod
-    def _neighbour(cell, action):
-        """Return the cell that a move leads to."""
-        return cell[0] + MOVES[action][0], cell[1] + MOVES[action][1]
-
-    @staticmethod
-    def _move(cell, neighbour):
-        """Return the move from ``cell`` to ``neighbour``."""
-        return MOVES.index((neighbour[0] - cell[0], neighbour[1] - cell[1]))
+            goal = neighbour(goal, state.city.step_towards(away, goal))
+        return action_between(state.position, goal)

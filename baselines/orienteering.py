@@ -24,7 +24,7 @@ import numpy as np
 from uavbench.planning.paths import worthiest_way
 from uavbench.simulation.missions.coverage import camera_views
 from uavbench.simulation.missions.harvesting import channel_of, log_snr_of
-from uavbench.world.city import HOVER, LAND, OFFSETS, city_of
+from uavbench.world.city import HOVER, LAND, action_between, city_of
 from uavbench.world.kernel import kernel
 
 _PRIZE = 100  # of a target or data unit, in moves: way is saved only where it costs nothing
@@ -224,8 +224,7 @@ class Agent:
 
     def _move(self, cell, neighbour):
         """Return the move from ``cell`` to ``neighbour``."""
-        (r0, c0), (r1, c1) = (divmod(index, self._city.shape[1]) for index in (cell, neighbour))
-        return OFFSETS.tolist().index([r1 - r0, c1 - c0])
+        return action_between(*(divmod(index, self._city.shape[1]) for index in (cell, neighbour)))
 
 
 class _Coverage:

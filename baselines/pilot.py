@@ -27,7 +27,7 @@ from uavbench.planning.belief import DeviceBelief, TargetBelief, places, static
 from uavbench.planning.harvesting import expected_rates
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
-from uavbench.world.city import OFFSETS, City, city_of
+from uavbench.world.city import City, city_of, neighbour
 from uavbench.world.episode import train_numbers
 from uavbench.world.resources import shipped_weights
 
@@ -216,9 +216,8 @@ class Learner:
         simulator.reset(index, "train", train_numbers(self.seed, self.updates * config.episodes, config.episodes))
         random = np.random.default_rng((self.seed, self.updates))
         city, state = simulator.city, simulator.state
-        goals = np.argwhere(city.distance_to_landing >= 0)[
-            random.integers((city.distance_to_landing >= 0).sum(), size=config.episodes)
-        ]
+        free = np.argwhere(city.distance_to_landing >= 0)
+        goals = free[random.integers(len(free), size=config.episodes)]
         ways = [_way(city, tuple(state.position[i, 0].tolist()), tuple(goals[i].tolist()), config.views, random) for i in index]
         beliefs = [TargetBelief(scenario) for _ in index]
         observation = self._observer.empty(config.episodes)
@@ -261,9 +260,8 @@ def _way(city, here, goal, count, random):
     """Return ``count`` cells on a random shortest way, staying at its end."""
     left, way = city.distances(goal), [here]
     while len(way) < count:
-        r, c = way[-1]
-        near = [(r + down, c + right) for down, right in OFFSETS[:4].tolist()]
+        near = [neighbour(way[-1], action) for action in range(4)]
         inside = [cell for cell in near if 0 <= cell[0] < left.shape[0] and 0 <= cell[1] < left.shape[1]]
-        nearer = [cell for cell in inside if left[cell] >= 0 and left[cell] == left[r, c] - 1]
-        way.append(nearer[random.integers(len(nearer))] if nearer else (r, c))
+        nearer = [cell for cell in inside if left[cell] >= 0 and left[cell] == left[way[-1]] - 1]
+        way.append(nearer[random.integers(len(nearer))] if nearer else way[-1])
     return way

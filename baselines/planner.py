@@ -5,9 +5,7 @@ data that are left. It searches only while there is more to get. The knobs are t
 """
 
 from uavbench.planning import coverage, harvesting
-from uavbench.world.city import HOVER, LAND, OFFSETS
-
-MOVES = [tuple(offset) for offset in OFFSETS[:5].tolist()]  # north, east, south, west, hover
+from uavbench.world.city import HOVER, LAND, action_between, neighbour
 
 
 class Agent:
@@ -45,7 +43,7 @@ class Agent:
                 actions.append(LAND if state.city.landing[state.position] else HOVER)
                 continue
             here, there = flight[:2]
-            actions.append(MOVES.index((there[0] - here[0], there[1] - here[1])))
+            actions.append(action_between(here, there))
             held[k] = there
             self._flights[state.uav] = flight[1:]
         return actions
@@ -110,8 +108,5 @@ def _way(city, away, goal):
     """Return the cells from where ``away`` is 0 to ``goal``."""
     way = [goal]
     while away[way[-1]] > 0:
-        r, c = way[-1]
-        near = [(r + down, c + right) for down, right in MOVES[:4]]
-        inside = [cell for cell in near if 0 <= cell[0] < city.shape[0] and 0 <= cell[1] < city.shape[1]]
-        way.append(next(cell for cell in inside if away[cell] == away[r, c] - 1))
+        way.append(neighbour(way[-1], city.step_towards(away, way[-1])))
     return way[::-1]

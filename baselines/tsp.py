@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from uavbench.simulation.missions.harvesting import channel_of
-from uavbench.world.city import HOVER, LAND, OFFSETS
+from uavbench.world.city import HOVER, LAND
 from uavbench.world.kernel import kernel
 
 MAX_DEVICES = 10  # time and memory double with each; where there are more, those with most data are looked at
@@ -44,11 +44,11 @@ class Agent:
             self._left, self._goal = left, self._plan(state, left)
         if self._goal is not None:
             away = city.distances(self._goal)
-            if (
-                max(away[here], 1) + city.distance_to_landing[self._goal] + 1 <= state.budget
-            ):  # at the goal 1 to hover; + 1 to land
-                return _nearer(city, away, here) if away[here] else HOVER
-        return _nearer(city, city.distance_to_landing, here) if city.distance_to_landing[here] else LAND
+            needed = max(away[here], 1) + city.distance_to_landing[self._goal] + 1  # at the goal 1 to hover; + 1 to land
+            if needed <= state.budget:
+                return city.step_towards(away, here) if away[here] else HOVER
+        home = city.distance_to_landing
+        return city.step_towards(home, here) if home[here] else LAND
 
     def _plan(self, state, left):
         """Return where to hover first on the best tour over the devices ``left``; None where no tour is worth its way."""
@@ -62,9 +62,8 @@ class Agent:
         rows, cols = np.array(places).T
         between = np.array([city.distances(place)[rows, cols] for place in places])
         rates = np.array([self._rate(city, cell, place) for cell, place in zip(cells, places, strict=True)])
-        tour = _best_tour(
-            away[rows, cols], between, city.distance_to_landing[rows, cols], state.device_data[left], rates, state.budget
-        )
+        home = city.distance_to_landing[rows, cols]
+        tour = _best_tour(away[rows, cols], between, home, state.device_data[left], rates, state.budget)
         return places[tour[0]] if len(tour) else None
 
     def _rate(self, city, device, place):
@@ -135,11 +134,3 @@ def _place(in_time, r, c):
     rows, cols = np.indices(in_time.shape)
     distance = np.where(in_time, np.hypot(rows - r, cols - c), np.inf)
     return divmod(int(np.argmin(distance)), distance.shape[1])
-
-
-def _nearer(city, distance, cell):
-    """Return the move from ``cell`` to a neighbour at one move less of ``distance``."""
-    for action in np.flatnonzero(city.action_mask[cell][:4]).tolist():
-        if distance[cell[0] + OFFSETS[action, 0], cell[1] + OFFSETS[action, 1]] == distance[cell] - 1:
-            return action
-    raise AssertionError("distances go down by one at every move")

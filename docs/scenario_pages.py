@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from uavbench import load_scenario, scenario_ids
+from uavbench import list_scenarios, load_scenario
 from uavbench.drawing.scene import city_colours
 from uavbench.pictures.plot import city_legend
 from uavbench.world.city import city_of
@@ -22,7 +22,7 @@ FIRST = "The rules of the paper and of the authors' code, branch `icar`, [correc
 def write_pages(_app=None):
     """Write all pages and maps, and the page that lists them."""
     FOLDER.mkdir(exist_ok=True)
-    names = scenario_ids()
+    names = list_scenarios()
     for name in names:
         scenario = load_scenario(name)
         draw_map(scenario, FOLDER / f"{name}.png")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from record import digest
 
-from uavbench import load_scenario, scenario_ids
+from uavbench import list_scenarios, load_scenario
 from uavbench.envs.env import UAVEnv
 from uavbench.simulation.freeze import FROZEN_SPLITS, draw
 from uavbench.world.episode import episode_keys, frozen_columns, split_size
@@ -52,7 +52,7 @@ TRANSITIONS = {
 
 
 def test_every_id_is_here():
-    assert set(SCENARIOS) == set(TRANSITIONS) == set(scenario_ids())
+    assert set(SCENARIOS) == set(TRANSITIONS) == set(list_scenarios())
 
 
 @pytest.mark.parametrize("name", SCENARIOS)

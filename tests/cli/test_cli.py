@@ -51,7 +51,7 @@ def test_the_main_job(call):
 def test_lists_and_shows_every_scenario(call):
     code, text = call("list")
     assert code == 0
-    for name in uavbench.scenario_ids():
+    for name in uavbench.list_scenarios():
         assert name in text
         code, shown = call("show", name)
         assert code == 0

@@ -16,7 +16,7 @@ import uavbench
 from uavbench.envs.core import SPLIT_CODES
 from uavbench.envs.env import UAVEnv
 
-IDS = [name for name in uavbench.scenario_ids() if "Team" not in name]
+IDS = [name for name in uavbench.list_scenarios() if "Team" not in name]
 CPP, DH = "Block8-CPP-v0", "Block8-DH-v0"
 HOVER, LAND = 4, 5
 

@@ -146,7 +146,7 @@ def test_an_environment_with_a_window_can_be_copied(duplicate):
         env.close()
 
 
-@pytest.mark.parametrize("name", [name for name in uavbench.scenario_ids() if "Team" in name])
+@pytest.mark.parametrize("name", [name for name in uavbench.list_scenarios() if "Team" in name])
 def test_gymnasium_is_told_how_a_teams_environment_is_made(name):
     for make, more in ((gym.make, {}), (gym.make, {"num_uavs": 2}), (gym.make_vec, {"num_envs": 2}), (gym.make_vec, {})):
         with pytest.raises(ValueError, match=rf'^{name} is for a team: use uavbench.parallel_env\("{name}"\)$'):

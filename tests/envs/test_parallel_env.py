@@ -21,7 +21,7 @@ import uavbench
 from uavbench.envs.env import UAVEnv
 from uavbench.envs.vector_env import UAVVectorEnv
 
-IDS = [name for name in uavbench.scenario_ids() if "Team" in name]
+IDS = [name for name in uavbench.list_scenarios() if "Team" in name]
 CPP, DH = "Manhattan32-CPP-Team-v0", "Urban50-DH-Team-v0"
 HOVER, LAND = 4, 5
 
@@ -323,4 +323,4 @@ def test_draws_every_uav():
 
 
 def test_team_ids_are_those_of_teams():
-    assert [name for name in uavbench.scenario_ids() if uavbench.load_scenario(name).team] == IDS
+    assert [name for name in uavbench.list_scenarios() if uavbench.load_scenario(name).team] == IDS

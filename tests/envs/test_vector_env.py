@@ -9,7 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from uavbench import scenario_ids
+from uavbench import list_scenarios
 from uavbench.envs.env import UAVEnv
 from uavbench.envs.vector_env import UAVVectorEnv
 
@@ -91,7 +91,7 @@ def test_each_environment_can_have_its_own_episode():
         assert np.array_equal(observations["global"][i], single["global"])
 
 
-@pytest.mark.parametrize("name", [name for name in scenario_ids() if "Team" not in name])
+@pytest.mark.parametrize("name", [name for name in list_scenarios() if "Team" not in name])
 def test_is_made_for_every_id_in_every_mode(name):
     for mode in MODES:
         envs = gym.make_vec(f"uavbench:uavbench/{name}", 3, vectorization_mode="vector_entry_point", autoreset_mode=mode.value)

@@ -224,7 +224,7 @@ def test_an_episode_that_is_not_there_is_refused(number):
 
 @pytest.mark.slow
 def test_greedy_beats_random_by_a_wide_margin_and_always_lands():
-    teams = [name for name in uavbench.scenario_ids() if "Team" in name]
+    teams = [name for name in uavbench.list_scenarios() if "Team" in name]
     for scenario in ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0", *teams):
         greedy = list(evaluate(job("greedy", scenario), range(40)))
         chance = list(evaluate(job("random", scenario), range(40)))

@@ -109,7 +109,7 @@ def test_harvesting_agrees_with_the_oracle(data, rows, sizes, number, noisy, epi
     check_flight(env, uavs, *first, actions, exact=False)
 
 
-@pytest.mark.parametrize("name", [name for name in uavbench.scenario_ids() if "Team" in name])
+@pytest.mark.parametrize("name", [name for name in uavbench.list_scenarios() if "Team" in name])
 def test_shipped_scenarios_agree_with_the_oracle(name):
     env = uavbench.parallel_env(name)
     coverage = env.scenario.mission.kind == "coverage"

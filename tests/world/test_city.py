@@ -14,7 +14,7 @@ from uavbench.simulation.missions.coverage import camera_gain, camera_views
 from uavbench.simulation.missions.harvesting import HarvestingMission
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
-from uavbench.world.city import LAND, OFFSETS, City, city_of
+from uavbench.world.city import LAND, OFFSETS, City, action_between, city_of, neighbour
 
 
 @settings(max_examples=60)
@@ -124,3 +124,20 @@ def test_tables_stay_small_and_grow_with_the_number_of_cells(mission):
     large = size_of_tables(["." * side] * (side - 1) + ["." * (side - 1) + "L"], mission)
     per_cell = small / 50**2, large / side**2
     assert per_cell[1] < 2.5 * per_cell[0]  # a table of cells × cells would be 16 times
+
+
+@given(maps(), st.data())
+def test_a_step_towards_a_goal_is_the_first_move_that_comes_nearer(rows, data):
+    city = City(rows)
+    goal = tuple(data.draw(st.sampled_from(city.landing_cells.tolist())))
+    distance = city.distances(goal)
+    for cell in map(tuple, np.argwhere(distance > 0).tolist()):
+        nearer = [
+            action
+            for action in range(4)
+            if city.action_mask[cell][action] and distance[neighbour(cell, action)] == distance[cell] - 1
+        ]
+        assert city.step_towards(distance, cell) == nearer[0]
+        assert action_between(cell, neighbour(cell, nearer[0])) == nearer[0]
+    with pytest.raises(ValueError, match="no neighbour that is nearer"):
+        city.step_towards(distance, goal)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from worlds import scenario
 
-from uavbench import ScenarioError, load_scenario, scenario_ids
+from uavbench import ScenarioError, list_scenarios, load_scenario
 from uavbench.world.resources import scenario_paths
 
 PAPER = ["Manhattan32-CPP-v0", "Manhattan32-DH-v0", "Urban50-CPP-v0", "Urban50-DH-v0"]
@@ -31,9 +31,9 @@ def edit(path, old, new):
 
 
 def test_all_ids_load():
-    assert set(PAPER) < set(scenario_ids())
-    assert {f"{name[:-3]}-Long-v0" for name in PAPER} < set(scenario_ids())
-    for name in scenario_ids():
+    assert set(PAPER) < set(list_scenarios())
+    assert {f"{name[:-3]}-Long-v0" for name in PAPER} < set(list_scenarios())
+    for name in list_scenarios():
         assert load_scenario(name).id == name == load_scenario(f"uavbench/{name}").id
 
 

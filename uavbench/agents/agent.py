@@ -182,6 +182,12 @@ class AgentSource:
         found = getattr(self.module(), self.class_name, None)
         if not inspect.isclass(found):
             raise AgentLoadError(f"{self.path}: has no class {self.class_name}; name yours as {self.path}:YourClass")
+        self._check_contract(found)
+        self._check_signature(found)
+        return found
+
+    def _check_contract(self, found: Any) -> None:
+        """Refuse what has no method that decides, or another track than there are."""
         if not any(callable(getattr(found, name, None)) for name in CALLS):
             raise AgentLoadError(
                 f"{self.path}: {self.class_name} has neither act(self, observation, info) nor "
@@ -192,13 +198,11 @@ class AgentSource:
             raise AgentLoadError(
                 f"{self.path}: {self.class_name}.track is {one_line(track, repr)}; use 'observation' or 'state'"
             )
-        self._check_signature(found)
         if callable(getattr(found, "act_team", None)) and track != "state":
             raise AgentLoadError(
                 f"{self.path}: {self.class_name}.act_team decides by all that the team sees: set track = 'state', or "
                 "decide with act, which is asked UAV by UAV"
             )
-        return found
 
     def _check_signature(self, found: Any) -> None:
         """Refuse a class that cannot be made of a scenario and, where there are, weights."""

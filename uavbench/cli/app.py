@@ -50,10 +50,10 @@ def list_scenarios() -> None:
     """List the scenarios."""
     from rich.console import Console
 
-    from uavbench import load_scenario, scenario_ids
+    from uavbench import list_scenarios, load_scenario
     from uavbench.cli.display import scenario_table
 
-    Console().print(scenario_table(load_scenario(name) for name in scenario_ids()))
+    Console().print(scenario_table(load_scenario(name) for name in list_scenarios()))
 
 
 @app.command(epilog="\b\nExample:\n  uavbench show Manhattan32-CPP-v0")

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypedDict, Unpack, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -15,7 +15,7 @@ from uavbench.simulation.simulator import Simulator
 from uavbench.simulation.slots import SimulatorState
 from uavbench.world.city import NUM_ACTIONS
 from uavbench.world.scenario import SPLITS, Scenario, load_scenario
-from uavbench.world.values import as_array, as_integer, shown
+from uavbench.world.values import as_array, as_integer, as_list, shown
 
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 8}
 
@@ -34,10 +34,30 @@ class EnvState(NamedTuple):
     elapsed: NDArray[np.int64] = np.zeros(1, dtype=np.int64)  # steps, where the environment counts them
 
 
-def load(scenario: str | Path | Scenario, local_size: int | None, global_scale: int | None) -> Scenario:
-    """Load a scenario with the observation that an environment was asked for."""
+class Changes(TypedDict, total=False):
+    """What an environment may change of its scenario: keyword arguments of every environment."""
+
+    local_size: int | None
+    global_scale: int | None
+    rewards: Mapping[str, float] | None
+    budget: Sequence[int] | None
+
+
+def load(scenario: str | Path | Scenario, **changes: Unpack[Changes]) -> Scenario:
+    """Load a scenario with the observation, rewards and budgets that an environment was asked for."""
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
-    return loaded.with_observation(local_size, global_scale)
+    rewards, budget = changes.pop("rewards", None), changes.pop("budget", None)
+    for name in changes:
+        if name not in Changes.__annotations__:
+            raise TypeError(f"{name}: an environment has no such argument")
+    if rewards is not None:
+        loaded = loaded.with_rewards(**rewards)
+    if budget is not None:
+        listed = as_list(budget) or []
+        if len(listed) != 2:
+            raise ValueError(f"budget: {shown(budget)} is not a pair [low, high]")
+        loaded = loaded.with_budget(*listed)
+    return loaded.with_observation(changes.get("local_size"), changes.get("global_scale"))
 
 
 def check_alone(scenario: Scenario) -> Scenario:

@@ -1,7 +1,7 @@
 """The Gymnasium environment: a batch of one."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from uavbench.envs.core import (
     METADATA,
     SUCCESS_CR,
+    Changes,
     EnvState,
     action_space,
     check_action,
@@ -24,6 +25,7 @@ from uavbench.envs.core import (
 from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
 from uavbench.simulation.observation import Observation, Observer
+from uavbench.simulation.options import check_start
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.scenario import Scenario
 
@@ -74,8 +76,17 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         An id, the path of a TOML file, or a loaded scenario.
     local_size, global_scale : int, optional
         l (odd, 0 for no local map) and g; the scenario's by default.
+    rewards : mapping of str to float, optional
+        Terms of the reward that differ from the scenario's: ``movement``, ``safety``, ``crash``, ``collect``.
+    budget : (int, int), optional
+        Another range of movement budgets; the episodes of all splits are drawn anew with it.
     split : {"train", "validation", "test"}
         Where ``reset`` takes episodes from when its options name none.
+    start : {"landing", "anywhere"}
+        Where episodes start when the options of ``reset`` do not say: in a landing zone, as drawn, or in any cell with any
+        budget that suffices to land, drawn from the episode's key (for training; such episodes have the number −1).
+    safe_action_mask : bool
+        Whether infos have ``safe_action_mask``, int8 (6,), too: 1 for actions after which landing is still possible.
     order : {"random", "cycle"}
         Whether ``reset`` draws an episode, or takes the split's episodes one after the other, from number 0 on. A cycle
         begins again after its last episode, and at a reset with a seed.
@@ -95,16 +106,18 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         self,
         scenario: str | Path | Scenario,
         *,
-        local_size: int | None = None,
-        global_scale: int | None = None,
         split: str = "train",
+        start: str = "landing",
+        safe_action_mask: bool = False,
         order: str = "random",
         success_cr: float = SUCCESS_CR,
         render_mode: str | None = None,
+        **changes: Unpack[Changes],
     ) -> None:
-        self.scenario = check_alone(load(scenario, local_size, global_scale))
+        self.scenario = check_alone(load(scenario, **changes))
         self.render_mode = check_render_mode(render_mode)
         self._episodes = Episodes(self.scenario, split, order)
+        self._start_option, self._shows_safe = check_start(start), safe_action_mask
         self.success_cr = check_success(success_cr)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
@@ -127,8 +140,9 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         seed : int, optional
             Seeds the sequence of episodes that this and later resets draw, and begins a cycle again.
         options : dict, optional
-            ``split`` and ``episode`` pick an episode; ``start`` [row, column], ``budget``, ``targets`` (CPP: a mask) or
-            ``devices`` (DH: rows [row, column, data]) set it by hand; ``noise`` False switches shadow fading off.
+            ``split`` and ``episode`` pick an episode. ``start`` ([row, column], ``"anywhere"`` or ``"landing"``),
+            ``budget``, ``targets`` (CPP: a mask) or ``devices`` (DH: rows [row, column, data]) set parts of it by hand.
+            ``noise`` False switches shadow fading off.
 
         Raises
         ------
@@ -141,7 +155,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         if seed is not None:
             self._episodes.restart()
         simulator = self.simulator
-        given = check_options(options, simulator.mission)
+        given = {"start": self._start_option, **check_options(options, simulator.mission)}
         split, number = self._episodes.choose(given, self.np_random)
         simulator.reset(_SLOT, split, [number])
         simulator.customise(0, given)
@@ -207,7 +221,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         return self.simulator.city.action_mask[position.item(0), position.item(1)].copy()
 
     def _info(self) -> dict[str, Any]:
-        return {"action_mask": self._mask(), **information_alone(self.simulator, self.success_cr)}
+        safe = {"safe_action_mask": self.simulator.safe_action_mask().reshape(-1)} if self._shows_safe else {}
+        return {"action_mask": self._mask(), **safe, **information_alone(self.simulator, self.success_cr)}
 
     def _observe(self) -> Observation:
         batch = self._observer.empty(1)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Unpack, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -14,6 +14,7 @@ from pettingzoo.utils.env import AECEnv, ParallelEnv  # pyright: ignore[reportMi
 from uavbench.envs.core import (
     METADATA,
     SUCCESS_CR,
+    Changes,
     EnvState,
     action_space,
     check_action,
@@ -28,6 +29,7 @@ from uavbench.envs.core import (
 from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
 from uavbench.simulation.observation import TEAM_LAYERS, Observer
+from uavbench.simulation.options import check_start
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.city import HOVER, NUM_ACTIONS
 from uavbench.world.scenario import Scenario
@@ -86,10 +88,16 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         How many UAVs fly in every episode; by default as many as the episode draws.
     local_size, global_scale : int, optional
         l (odd, 0 for no local map) and g; the scenario's by default.
+    rewards : mapping of str to float, optional
+        Terms of the reward that differ from the scenario's: ``movement``, ``safety``, ``crash``, ``collect``.
+    budget : (int, int), optional
+        Another range of movement budgets; the episodes of all splits are drawn anew with it.
     flat : bool
         Whether observations are vectors, for libraries that take no dictionaries.
     split : {"train", "validation", "test"}
         Where ``reset`` takes episodes from when its options name none.
+    start, safe_action_mask
+        As for `uavbench.envs.env.UAVEnv`.
     order, success_cr
         As for `uavbench.envs.env.UAVEnv`.
     render_mode : {"human", "rgb_array", "ansi"}, optional
@@ -107,19 +115,21 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         scenario: str | Path | Scenario,
         *,
         num_uavs: int | None = None,
-        local_size: int | None = None,
-        global_scale: int | None = None,
         flat: bool = False,
         split: str = "train",
+        start: str = "landing",
+        safe_action_mask: bool = False,
         order: str = "random",
         success_cr: float = SUCCESS_CR,
         render_mode: str | None = None,
+        **changes: Unpack[Changes],
     ) -> None:
-        loaded = load(scenario, local_size, global_scale)
+        loaded = load(scenario, **changes)
         self.scenario = loaded if num_uavs is None else loaded.with_uavs(num_uavs)
         self.render_mode = check_render_mode(render_mode)
         self.metadata = {**METADATA, "name": self.scenario.id, "is_parallelizable": True}
         self._episodes = Episodes(self.scenario, split, order)
+        self._start_option, self._shows_safe = check_start(start), safe_action_mask
         self.success_cr = check_success(success_cr)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
@@ -177,6 +187,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         simulator = self.simulator
         known = (*known_options(simulator.mission), "num_uavs")
         given = {name: value for name, value in read_options(options).items() if name in known}
+        given.setdefault("start", self._start_option)
         split, number = self._episodes.choose(given, self._generator)
         simulator.reset(_SLOT, split, [number])
         simulator.customise(0, given)
@@ -274,8 +285,11 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
         """Return fresh information for the agents."""
         masks = self.simulator.action_mask().reshape(-1, NUM_ACTIONS)
+        each = {"action_mask": masks}
+        if self._shows_safe:
+            each["safe_action_mask"] = self.simulator.safe_action_mask().reshape(-1, NUM_ACTIONS)
         team = information_alone(self.simulator, self.success_cr)
-        return {agent: {"action_mask": masks[self._numbers[agent]], **team} for agent in agents}
+        return {agent: {**{name: rows[self._numbers[agent]] for name, rows in each.items()}, **team} for agent in agents}
 
 
 def _state_space(scenario: Scenario) -> spaces.Box:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from uavbench.envs.core import (
     METADATA,
     SUCCESS_CR,
+    Changes,
     EnvState,
     action_space,
     check_alone,
@@ -26,6 +27,7 @@ from uavbench.envs.core import (
 from uavbench.envs.episodes import Episodes
 from uavbench.envs.pictures import Pictures
 from uavbench.simulation.observation import Observation, Observer
+from uavbench.simulation.options import check_start
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.scenario import Scenario, SplitName
 from uavbench.world.values import as_integer, as_list, shown
@@ -48,7 +50,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
     Parameters
     ----------
-    scenario, local_size, global_scale, split, success_cr, render_mode
+    scenario, local_size, global_scale, rewards, budget, split, start, safe_action_mask, success_cr, render_mode
         As for `uavbench.envs.env.UAVEnv`.
     num_envs : int
         N.
@@ -69,19 +71,20 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         scenario: str | Path | Scenario,
         num_envs: int = 1,
         *,
-        local_size: int | None = None,
-        global_scale: int | None = None,
         split: str = "train",
+        start: str = "landing",
+        safe_action_mask: bool = False,
         order: str = "random",
         success_cr: float = SUCCESS_CR,
         max_episode_steps: int | None = None,
         threads: int = 1,
         render_mode: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **changes: Unpack[Changes],
     ) -> None:
         if num_envs < 1:
             raise ValueError(f"num_envs: {num_envs} is not at least 1")
-        self.scenario = check_alone(load(scenario, local_size, global_scale))
+        self.scenario = check_alone(load(scenario, **changes))
         self.num_envs = num_envs
         self.render_mode = check_render_mode(render_mode, _RENDER_MODES)
         try:
@@ -91,6 +94,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise ValueError(f"autoreset_mode: {autoreset_mode!r} is not one of {names}") from None
         self.metadata = {**METADATA, "render_modes": _RENDER_MODES, "autoreset_mode": self.autoreset_mode}
         self._episodes = Episodes(self.scenario, split, order)
+        self._start_option, self._shows_safe = check_start(start), safe_action_mask
         self._success_cr = np.full(num_envs, check_success(success_cr))
         self._limit = _check_limit(max_episode_steps)
         self.simulator = Simulator(self.scenario, num_envs, _check_threads(threads))
@@ -136,7 +140,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             When an option or the seeds do not fit. Nothing flies then until a reset succeeds.
         """
         self._ready = False
-        given = check_options(options, self.simulator.mission, extra=("reset_mask",))
+        given = {"start": self._start_option, **check_options(options, self.simulator.mission, extra=("reset_mask",))}
         index = self._masked(given.pop("reset_mask", None))
         seeds = self._seeds(seed)
         slots: list[int] = index.tolist()
@@ -284,6 +288,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         slots: list[int] = index.tolist()
         numbers = [self._episodes.choose({}, self._generator(i))[1] for i in slots]
         self.simulator.reset(index, self._episodes.split, numbers)
+        if self._start_option == "anywhere":
+            self.simulator.scatter(index)
         self._elapsed[index] = 0
         self._pictures.begin(slots)
 
@@ -329,7 +335,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
     def _info(self, index: NDArray[np.int64]) -> dict[str, Any]:
         """Return the batched information about the slots ``index``, with zeros in the places of the others."""
-        known = {"action_mask": self.simulator.action_mask(), **information(self.simulator, self._success_cr)}
+        safe = {"safe_action_mask": self.simulator.safe_action_mask()} if self._shows_safe else {}
+        known = {"action_mask": self.simulator.action_mask(), **safe, **information(self.simulator, self._success_cr)}
         flags = np.full((len(known), self.num_envs), fill_value=True)  # a row for each, which nobody else holds
         if len(index) < self.num_envs:
             flags[:, ~self._flags(index)] = False

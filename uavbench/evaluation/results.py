@@ -72,10 +72,13 @@ class Result:
         Where it is.
     summary : dict
         What ``summary.json`` holds.
+    given_scenario : Scenario, optional
+        The scenario, where it is one in memory that no file holds.
     """
 
     folder: Path
     summary: dict[str, Any]
+    given_scenario: Scenario | None = None
 
     @property
     def metrics(self) -> dict[str, Interval]:
@@ -85,6 +88,8 @@ class Result:
     @property
     def scenario(self) -> Scenario:
         """Its scenario: one that is shipped, or a user's own, where it was."""
+        if self.given_scenario is not None:
+            return self.given_scenario
         return load_scenario(self.summary.get("scenario_file") or self.summary["scenario"], run_code=False)
 
     def episodes(self) -> "pd.DataFrame":
@@ -282,7 +287,7 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
     shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
     summary: dict[str, Any] = {
         **identity(job, len(records)),
-        **({} if shipped else {"scenario_file": str(job.scenario.path)}),
+        **({"scenario_file": str(job.scenario.path)} if job.scenario.path.suffix and not shipped else {}),
         "metrics": {name: asdict(interval) for name, interval in metrics_of(records).items()},
         "confidence": CONFIDENCE,
         "decisions": decisions,

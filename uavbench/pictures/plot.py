@@ -9,8 +9,9 @@ import numpy as np
 
 from uavbench.drawing import scene as shown
 from uavbench.drawing.scene import Cell, Colour, Scene
-from uavbench.evaluation.results import ResultError, deliver
+from uavbench.evaluation.results import Result, ResultError, deliver, load_result
 from uavbench.pictures.figures import Figure, Line2D, MaxNLocator, Patch, Wedge, fixed_style
+from uavbench.pictures.watch import recorded_scenes
 from uavbench.world.scenario import BUILDING, FREE, LANDING, NO_FLY
 
 FORMATS = ("png", "svg", "pdf")
@@ -47,8 +48,15 @@ def draw(scene: Scene) -> Figure:
     height = min(_INCHES * rows / cols, _TALLEST)
     figure: Any = Figure(figsize=(_INCHES, height + 1.1), layout="constrained")
     axes = figure.subplots()
+    draw_on(axes, scene, _POINTS * min(_INCHES / cols, height / rows))
+    figure.legend(handles=legend(scene), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
+    return figure
+
+
+def draw_on(axes: Any, scene: Scene, cell: float) -> None:
+    """Draw a scene on Matplotlib axes, on which a cell of the map is about ``cell`` points wide."""
+    rows, cols, _ = scene.cells.shape
     axes.imshow(scene.cells, interpolation="nearest")
-    cell = _POINTS * min(_INCHES / cols, height / rows)  # points that a cell has
     for (r0, c0), (r1, c1), colour in scene.moves:
         arrow = {"color": _hex(colour), "lw": 0.11 * cell, "mutation_scale": 0.5 * cell, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", (c1, r1), (c0, r0), arrowprops={"arrowstyle": "-|>", **arrow})
@@ -67,8 +75,49 @@ def draw(scene: Scene) -> Figure:
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(8, integer=True, steps=[1, 2, 5, 10]))
     axes.tick_params(labelsize=6)
-    figure.legend(handles=legend(scene), loc="outside lower center", ncols=3, fontsize=6.5, frameon=False)
-    return figure
+
+
+def plot(result: Result | str | Path, episode: int = 0, *, ax: Any = None, scenario: str | None = None) -> Any:
+    """Draw an episode of a result on Matplotlib axes, as the paper's Fig. 2 does.
+
+    Parameters
+    ----------
+    result : Result, str or Path
+        A result, or its folder.
+    episode : int
+        Which of its episodes.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; by default new axes of ``matplotlib.pyplot``.
+    scenario : str, optional
+        The scenario's file, if it is your own and has moved.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        ``ax``, or the new axes.
+
+    Raises
+    ------
+    ResultError
+        When the result does not hold the episode, or its scenario cannot be found.
+
+    Examples
+    --------
+    >>> import matplotlib; matplotlib.use("Agg")
+    >>> import uavbench
+    >>> ax = uavbench.plot(uavbench.evaluate("greedy", "Block8-CPP-v0", episodes=3), episode=2)
+    >>> ax.figure.savefig("flight.png")
+    """
+    loaded = result if isinstance(result, Result) else load_result(Path(result))
+    scene = recorded_scenes(loaded, episode, scenario)[-1]
+    if ax is None:
+        from matplotlib import pyplot
+
+        ax = pyplot.subplots(figsize=(_INCHES, _INCHES), layout="constrained")[1]
+    box = ax.get_window_extent()
+    rows, cols, _ = scene.cells.shape
+    draw_on(ax, scene, 72 / ax.figure.dpi * min(box.width / cols, box.height / rows))
+    return ax
 
 
 def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: float, **more: Any) -> None:

@@ -25,6 +25,22 @@ def read_uavs(options: Mapping[str, Any], scenario: Scenario, drawn: int) -> int
     return number
 
 
+#: What ``start`` may be besides a cell: a landing cell, as drawn, or any cell.
+STARTS = ("landing", "anywhere")
+
+
+def check_start(value: object) -> str:
+    """Return ``value`` when it is one of `STARTS`, else raise a ValueError that says so."""
+    if isinstance(value, str) and value in STARTS:
+        return value
+    raise ValueError(f"start: {shown(value)} is not one of {', '.join(STARTS)}")
+
+
+def is_anywhere(options: Mapping[str, Any]) -> bool:
+    """Return whether an episode starts anywhere: ``start`` is ``"anywhere"``."""
+    return isinstance(options.get("start"), str) and check_start(options["start"]) == "anywhere"
+
+
 def read_start(value: Any, scenario: Scenario, city: City, uavs: int) -> NDArray[np.int32]:
     """Return start cells, shape (uavs, 2), from [row, column], or in a team a list of one for each UAV."""
     expected = "a cell [row, column] of two integers"

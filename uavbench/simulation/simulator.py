@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from uavbench.simulation.missions import Mission
 from uavbench.simulation.moves import move, move_apart, write_masks, wrong_action
-from uavbench.simulation.options import read_budget, read_noise, read_start, read_uavs
+from uavbench.simulation.options import is_anywhere, read_budget, read_noise, read_start, read_uavs
 from uavbench.simulation.outcomes import outcome_of, outcomes_of
 from uavbench.simulation.slots import SimulatorState, put, take
 from uavbench.simulation.starts import draw_starts, scatter_starts
@@ -226,19 +226,29 @@ class Simulator:
         i : int
             The slot.
         options : mapping
-            ``start`` (row, column), ``budget``, ``targets`` (CPP: a mask, shape (M, N)) or ``devices`` (DH: rows of row,
-            column, data), ``noise`` (DH: False switches shadow fading off). In teams ``num_uavs``, a list of starts, and a
-            budget for all or a list of them.
+            ``start`` (row, column), ``"anywhere"`` as `scatter` does, or ``"landing"`` as drawn; ``budget``; ``targets`` (CPP:
+            a mask, shape (M, N)) or ``devices`` (DH: rows of row, column, data); ``noise`` (DH: False switches shadow fading
+            off). In teams also ``num_uavs``, a list of starts, and a budget for all or a list of them.
 
         Raises
         ------
         ValueError
             When a value does not fit the scenario. Nothing is changed then.
         """
-        noise = read_noise(options)
+        noise, options, anywhere = read_noise(options), dict(options), is_anywhere(options)
+        if isinstance(options.get("start"), str):
+            del options["start"]
         changed = {"num_uavs", "start", "budget", self.mission.option} & options.keys()
-        if changed:
-            self._restore(np.array([i]), self._parse(i, options))
+        before = self.get_state([i]) if anywhere else None
+        if anywhere:
+            self.scatter(np.array([i]))
+        try:
+            if changed:
+                self._restore(np.array([i]), self._parse(i, options))
+        except ValueError:
+            if before is not None:
+                self.set_state(before, [i])
+            raise
         if changed or not noise:
             self._splits[i], self._numbers[i] = _CUSTOM, -1
         self.state.noise[i] = noise
@@ -298,6 +308,14 @@ class Simulator:
         mask = np.empty(self._mask_shape, dtype=np.int8)
         write_masks(self.state.position, self.state.done, self.city.action_mask, mask)
         return mask.reshape(*self._shape, NUM_ACTIONS)
+
+    def safe_action_mask(self) -> NDArray[np.int8]:
+        """Return the safe actions, shape (B, 6), in teams (B, U, 6), freshly allocated: see `City.safe_action_mask`.
+
+        In a team each UAV is looked at alone: another UAV may still stand in its way.
+        """
+        position, budget = self.state.position.reshape(-1, 2), self.state.budget.reshape(-1)
+        return self.city.safe_action_mask(position, budget).astype(np.int8).reshape(*self._shape, NUM_ACTIONS)
 
     def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
         """Return the episode in slot ``i`` as columns, with what ``options`` name in its place."""

@@ -31,7 +31,7 @@ def action_between(cell: tuple[int, int], other: tuple[int, int]) -> int:
 
 
 class City:
-    """The static world. All arrays are read-only; M rows, N columns.
+    """The static world. All arrays are read-only; M is the number of rows, N that of columns.
 
     Parameters
     ----------
@@ -45,9 +45,9 @@ class City:
     landing_cells : ndarray of int32, shape (K, 2)
         The cells of the landing zones in row-major order.
     action_mask : ndarray of int8, shape (M, N, 6)
-        1 where an action has its effect at a cell: a move that is not blocked, ``hover``, ``land`` in a landing zone.
+        1 for the valid actions at a cell: a move that is not blocked, ``hover``, and ``land`` in a landing zone.
     distance_to_landing : ndarray of int32, shape (M, N)
-        Moves from a cell to the nearest landing cell; −1 where there is no way.
+        Moves from a cell to the nearest landing cell; −1 where no way leads to one.
     """
 
     def __init__(self, rows: Sequence[str]) -> None:
@@ -64,14 +64,14 @@ class City:
                 array.flags.writeable = False
 
     def distances(self, cell: Sequence[int], avoid: Iterable[tuple[int, int]] = ()) -> NDArray[np.int32]:
-        """Return the moves from ``cell`` to every cell; shape (M, N), −1 where there is no way.
+        """Return how many moves every cell is away from ``cell``; shape (M, N), −1 where no way leads there.
 
         Parameters
         ----------
         cell : (int, int)
-            Where the way begins.
+            The cell to measure from.
         avoid : iterable of (int, int)
-            Cells that it must go around besides the no-fly cells: those of other UAVs.
+            Cells that count as no-fly cells, too: those of other UAVs.
         """
         closed = self.no_fly
         for n, held in enumerate(avoid):
@@ -80,12 +80,14 @@ class City:
         return _distances(closed, np.array([cell], dtype=np.int32))
 
     def safe_action_mask(self, positions: NDArray[np.integer[Any]], budgets: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-        """Return after which actions a UAV alone can still land, or has; shape (B, 6). All, where that is past hope.
+        """Return the safe actions: those after which a UAV can still land within its budget, or has landed; bool, shape (B, 6).
+
+        Where no action is safe, all are returned as safe: the UAV crashes whatever it does. Other UAVs are not considered.
 
         Parameters
         ----------
         positions : ndarray of int, shape (B, 2)
-            Cells with a way home.
+            Cells from which a way leads to a landing cell.
         budgets : ndarray of int, shape (B,)
             Actions left.
         """
@@ -97,7 +99,7 @@ class City:
         return possible | ~possible.any(axis=1, keepdims=True)
 
     def step_towards(self, distance: NDArray[np.integer[Any]], cell: tuple[int, int]) -> int:
-        """Return the first move, in the order of the actions, that leads from ``cell`` one move nearer to where ``distance`` is 0.
+        """Return the first move, in the order of the actions, that leads from ``cell`` one move nearer to a goal.
 
         Parameters
         ----------
@@ -135,7 +137,7 @@ def city_of(scenario: Scenario) -> City:
 
 
 def _action_mask(landing: NDArray[np.bool_], no_fly: NDArray[np.bool_]) -> NDArray[np.int8]:
-    """Return which actions have their effect at each cell."""
+    """Return the valid actions at each cell."""
     rows, cols = no_fly.shape
     padded = np.pad(no_fly, 1, constant_values=True)
     mask = np.ones((rows, cols, NUM_ACTIONS), dtype=np.int8)
@@ -171,9 +173,9 @@ def _distances(no_fly: NDArray[np.bool_], sources: NDArray[np.int32]) -> NDArray
 
 @kernel
 def mark_visible(building: NDArray[np.bool_], r: int, c: int, steps: int, seen: NDArray[np.bool_]) -> None:
-    """Mark in ``seen`` what is visible from (r, c), at most ``steps`` moves away: a ray to each border cell.
+    """Mark in ``seen`` the cells that are visible from (r, c) and at most ``steps`` moves away, by a ray to each border cell.
 
-    Visibility is not symmetric: rays start at the one who looks (camera: the UAV; radio: the device).
+    Visibility is not symmetric: camera rays start at the UAV, radio rays at the device.
     """
     rows, cols = building.shape
     walls, marks = building.reshape(-1), seen.reshape(-1)

@@ -6,12 +6,13 @@ Source: Theile et al., ICAR 2021; the values of the shipped scenarios stand in `
 import difflib
 import hashlib
 import json
-import operator
 from collections import deque
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, SupportsIndex
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
 from uavbench.errors import UavbenchError, one_line
@@ -31,6 +32,7 @@ from uavbench.world.parameters import (
     ordered,
 )
 from uavbench.world.registry import read_mission
+from uavbench.world.values import as_integer
 
 _TABLE_BYTES = 2**30  # of what is computed in advance for the local observation
 
@@ -71,6 +73,14 @@ class Splits(Record):
 
     validation: Split = Split(episodes=200)
     test: Split = Split(episodes=1000)
+
+
+class _Budget(Record):
+    """The range of budgets, checked apart from a scenario."""
+
+    budget: tuple[Count, Count]
+
+    _range = field_validator("budget")(ordered)
 
 
 class Scenario(Record):
@@ -179,6 +189,87 @@ class Scenario(Record):
         _check_sizes(observation, self.shape)
         return self._changed(observation=observation)
 
+    def with_rewards(self, **terms: float) -> "Scenario":
+        """Return the same scenario with other terms of the reward.
+
+        Parameters
+        ----------
+        **terms : float
+            Any of ``movement``, ``safety``, ``crash`` and ``collect``: see `uavbench.world.parameters.Rewards`.
+
+        Raises
+        ------
+        ValueError
+            When there is no such term, or it is not a finite number.
+
+        Examples
+        --------
+        >>> import uavbench
+        >>> uavbench.load_scenario("Manhattan32-CPP-v0").with_rewards(crash=-50.0).rewards.crash
+        -50.0
+        """
+        try:
+            return self._changed(rewards=Rewards(**{**self.rewards.model_dump(), **terms}))
+        except ValidationError as error:
+            raise ValueError(f"rewards.{_first(error)}") from None
+
+    def with_budget(self, low: int, high: int) -> "Scenario":
+        """Return the same scenario with another range of movement budgets. Its episodes are drawn anew, as no frozen ones fit.
+
+        Raises
+        ------
+        ValueError
+            When the range is not 1 ≤ ``low`` ≤ ``high`` ≤ 30,000.
+
+        Examples
+        --------
+        >>> import uavbench
+        >>> uavbench.load_scenario("Manhattan32-CPP-v0").with_budget(20, 40).budget
+        (20, 40)
+        """
+        try:
+            checked = _Budget(budget=(low, high))
+        except ValidationError as error:
+            raise ValueError(_first(error)) from None
+        drawn = {name: Split(episodes=split.episodes) for name, split in self.splits}
+        return self._changed(budget=checked.budget, splits=Splits(**drawn))
+
+    @classmethod
+    def from_array(cls, cells: ArrayLike, like: "str | Path | Scenario" = "Manhattan32-CPP-v0", **changes: Any) -> "Scenario":
+        """Return a scenario on a map of your own.
+
+        Parameters
+        ----------
+        cells : array_like of str, shape (M, N), or M texts of N characters
+            ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building; both sides from 4 to 1,024.
+        like : str, Path or Scenario
+            Where everything else comes from: mission, budget, rewards, observation. Sizes of the observation that exceed the
+            map are made smaller.
+        **changes
+            Fields of `Scenario` that differ, for example ``id="Harbour-CPP-v0"``, ``budget=(40, 90)``, ``uavs=(1, 3)``.
+
+        Raises
+        ------
+        ScenarioError
+            When the map or a field is not valid; the message names it.
+
+        Examples
+        --------
+        >>> import uavbench
+        >>> scenario = uavbench.Scenario.from_array(["LL...", ".....", "..##.", "....."], id="Tiny-CPP-v0", budget=(10, 20))
+        >>> scenario.shape
+        (4, 5)
+        """
+        origin = like if isinstance(like, Scenario) else load_scenario(like)
+        rows = tuple("".join(str(cell) for cell in row) for row in np.asarray(cells).tolist())
+        largest = 2 * min(len(rows), len(rows[0]) if rows else 0) - 1
+        sizes = {name: min(size, max(1, largest)) for name, size in origin.observation.model_dump().items()}
+        own = {"id": "Custom-v0", "title": "", "map": "", "observation": sizes, "splits": Splits(), "path": Path()}
+        try:
+            return cls.model_validate({**dict(origin), **own, **changes, "rows": rows})
+        except ValidationError as error:
+            raise ScenarioError(f"from_array: {_first(error).replace('rows', 'map', 1)}") from None
+
     def with_uavs(self, number: SupportsIndex) -> "Scenario":
         """Return the same scenario with ``number`` UAVs in every episode: those that it draws first.
 
@@ -189,10 +280,7 @@ class Scenario(Record):
         """
         if self.uavs is None:
             raise ValueError(f"num_uavs: {self.id} is for one UAV; the scenarios for teams have Team in their ids")
-        try:
-            uavs = 0 if isinstance(number, bool) else operator.index(number)
-        except TypeError:
-            uavs = 0
+        uavs = as_integer(number) or 0
         if not 1 <= uavs <= self.max_uavs:
             raise ValueError(f"num_uavs: {number!r} is not an integer from 1 to {self.max_uavs}, the most of {self.id}")
         return self._changed(uavs=(uavs, uavs))

@@ -14,7 +14,7 @@ import pytest
 from commands import uavbench_command
 from worlds import COVERAGE, SURVEILLANCE, scenario
 
-from uavbench import ScenarioError, load_scenario, parallel_env, scenario_ids
+from uavbench import ScenarioError, list_scenarios, load_scenario, parallel_env
 from uavbench.agents.agent import find_agent
 from uavbench.envs.env import UAVEnv
 from uavbench.evaluation.evaluate import Job, evaluate
@@ -293,7 +293,7 @@ def test_a_mission_is_registered_once_and_whole():
 
 
 def test_scenarios_are_read_without_a_compiler():
-    code = "import sys, uavbench; [uavbench.load_scenario(name) for name in uavbench.scenario_ids()]; assert 'numba' not in "
+    code = "import sys, uavbench; [uavbench.load_scenario(name) for name in uavbench.list_scenarios()]; assert 'numba' not in "
     subprocess.run([sys.executable, "-c", code + "sys.modules"], check=True)
 
 
@@ -307,4 +307,4 @@ def test_only_those_who_are_made_for_a_mission_ask_for_its_kind():
 
 
 def test_shipped_scenarios_name_no_files():
-    assert all(load_scenario(name).mission.file is None for name in scenario_ids())
+    assert all(load_scenario(name).mission.file is None for name in list_scenarios())

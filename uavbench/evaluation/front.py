@@ -1,0 +1,164 @@
+"""The evaluation that a program asks for in one call: an agent, as an object or by its name, on a scenario."""
+
+import os
+import shutil
+import tempfile
+import weakref
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+from uavbench.agents.agent import AgentSource, find_agent
+from uavbench.agents.in_memory import ObjectSource
+from uavbench.evaluation.evaluate import EpisodeRecord, Job
+from uavbench.evaluation.metrics import Comparison
+from uavbench.evaluation.replay import compare_results
+from uavbench.evaluation.results import Result, ResultError, load_result
+from uavbench.evaluation.run import run
+from uavbench.world.episode import check_split, split_size
+from uavbench.world.scenario import Scenario, load_scenario
+from uavbench.world.values import as_integer, shown
+
+_TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
+
+
+class Options(TypedDict, total=False):
+    """Keyword arguments of `evaluate` that are seldom needed."""
+
+    name: str | None
+    weights: str | Path | None
+    decision_timeout: float | None
+    overwrite: bool
+    on_record: Callable[[EpisodeRecord], None]
+
+
+def evaluate(
+    agent: Any,
+    scenario: str | Path | Scenario,
+    *,
+    split: str = "test",
+    episodes: int | None = None,
+    workers: int = 0,
+    out: str | Path | None = None,
+    **options: Unpack[Options],
+) -> Result:
+    """Let an agent fly a scenario's episodes, and return its score.
+
+    Parameters
+    ----------
+    agent : object, class, str or Path
+        An agent or a class of agents; or a built-in's name (``"greedy"``), the path of a Python file, an ONNX model or
+        weights, as the command ``uavbench evaluate --agent`` takes them.
+    scenario : str, Path or Scenario
+        An id, the path of a TOML file, or a loaded scenario.
+    split : {"train", "validation", "test"}
+        The split.
+    episodes : int, optional
+        How many of its episodes: numbers 0 to ``episodes`` − 1. By default all, and 1,000 of the train split.
+    workers : int
+        Processes that fly. With 0 the agent flies in this process. An object in memory must be picklable to fly in others.
+    out : str or Path, optional
+        Where the result is written: ``out/<scenario>/<agent>``. By default to a folder that is removed with the result.
+    name : str, optional
+        What the result is filed under; by default the name of the agent's file or class.
+    weights : str or Path, optional
+        Weights for a Python file.
+    decision_timeout : float, optional
+        Seconds that one decision may take, 60 by default; None for any time.
+    overwrite : bool
+        Whether a finished result of something else in ``out`` may be replaced.
+    on_record : callable
+        Called with the `EpisodeRecord` of every episode when it ends, to show progress.
+
+    Returns
+    -------
+    Result
+        With ``metrics``, ``episodes()`` and ``actions()``.
+
+    Raises
+    ------
+    UavbenchError
+        When the scenario, the agent, the split or the number of episodes does not exist, the agent fails, or the result
+        cannot be written.
+
+    Examples
+    --------
+    >>> import uavbench
+    >>> result = uavbench.evaluate("random", "Block8-CPP-v0", episodes=20)
+    >>> 0.0 <= result.metrics["cral"].mean <= 1.0
+    True
+    >>> class Hover:
+    ...     def act(self, observation, info):
+    ...         return 4
+    >>> uavbench.evaluate(Hover(), "Block8-CPP-v0", episodes=5).metrics["landed"].mean
+    0.0
+    """
+    loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
+    try:
+        checked = check_split(split)
+    except ValueError as error:
+        raise ResultError(str(error)) from None
+    size = split_size(loaded, checked)
+    count = min(size, _TRAIN_EPISODES) if episodes is None else as_integer(episodes)
+    if count is None or not 1 <= count <= size:
+        known = f"an integer from 1 to {size}, the {split} episodes of {loaded.id}"
+        raise ResultError(f"episodes: {shown(episodes)} is not {known}")
+    source = _source(agent, options.get("weights"), options.get("name"))
+    job = Job(source, loaded, checked, options.get("decision_timeout", 60.0))
+    where = Path(tempfile.mkdtemp(prefix="uavbench-result-")) if out is None else Path(out)
+    try:
+        result = run(
+            job,
+            count,
+            where,
+            workers=workers,
+            overwrite=options.get("overwrite", False),
+            on_record=options.get("on_record", lambda record: None),
+        )
+    except BaseException:
+        if out is None:
+            shutil.rmtree(where, ignore_errors=True)
+        raise
+    result = replace(result, given_scenario=loaded)
+    if out is None:
+        weakref.finalize(result, shutil.rmtree, where, ignore_errors=True)
+    return result
+
+
+def _source(agent: Any, weights: str | Path | None, name: str | None) -> AgentSource:
+    """Return where an agent comes from."""
+    if isinstance(agent, str | os.PathLike):
+        return find_agent(str(agent), None if weights is None else Path(weights), name)
+    return agent if isinstance(agent, AgentSource) else ObjectSource.of(agent, name)
+
+
+def compare(first: Result | str | Path, second: Result | str | Path) -> dict[str, Comparison]:
+    """Compare two results on the episodes that both flew.
+
+    Parameters
+    ----------
+    first, second : Result, str or Path
+        Results, or their folders; of the same scenario and split.
+
+    Returns
+    -------
+    dict of str to Comparison
+        By the metric's name (``landed``, ``cr``, ``cral``): ``difference``, the mean of first minus second, and
+        ``improvement``, the probability that the first is better; each with its confidence interval.
+
+    Raises
+    ------
+    ResultError
+        When they are not of the same scenario and split.
+
+    Examples
+    --------
+    >>> import uavbench
+    >>> greedy = uavbench.evaluate("greedy", "Block8-CPP-v0", episodes=20)
+    >>> random = uavbench.evaluate("random", "Block8-CPP-v0", episodes=20)
+    >>> uavbench.compare(greedy, random)["cral"].difference.mean > 0
+    True
+    """
+    results = [each if isinstance(each, Result) else load_result(Path(each)) for each in (first, second)]
+    return compare_results(*results)[0]
