@@ -1,4 +1,4 @@
-"""Make the pictures of the README and the docs: greedy's flights, and the leaderboard's page (which needs Debian's chromium).
+"""Make the pictures of the README and the docs: flights, and the leaderboard's page (which needs Debian's chromium).
 
 Usage: python docs/make_pictures.py
 """
@@ -9,15 +9,19 @@ import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 import uavbench
 from uavbench.agents.agent import find_agent
+from uavbench.drawing.raster import raster
 from uavbench.leaderboard.submission import load_submission
 from uavbench.pictures.plot import save_plot
 from uavbench.pictures.watch import recorded_scenes
 from uavbench.simulation.state_view import StateView
 
 IMAGES = Path(__file__).parent / "images"
+SUBMISSIONS = Path(__file__).parent.parent / "leaderboard" / "submissions"
 FLIGHTS = (("Manhattan32-CPP-v0", 17), ("Urban50-DH-v0", 17), ("Urban50-CPP-Team-v0", 13))
 
 
@@ -81,14 +85,35 @@ def main():
 
 def plot():
     """Draw a flight of planner as the documentation shows it."""
-    result = load_submission(
-        Path(__file__).parent.parent / "leaderboard" / "submissions" / "planner" / "Manhattan32-DH-v0"
-    ).result
+    result = load_submission(SUBMISSIONS / "planner" / "Manhattan32-DH-v0").result
     save_plot(recorded_scenes(result, 17)[-1], IMAGES / "plot.png")
     print(f"wrote {IMAGES / 'plot.png'}")
 
 
+def moving(scenario="Manhattan32-CPP-v0", episode=28, agents=("planner", "ddqn")):
+    """Film two agents beside each other in an episode in which they differ by about as much as in the mean of all."""
+    flights = [recorded_scenes(load_submission(SUBMISSIONS / agent / scenario).result, episode) for agent in agents]
+    font = ImageFont.load_default(13)
+    frames = []
+    for step in range(max(map(len, flights))):
+        panes = []
+        for agent, scenes in zip(agents, flights, strict=True):
+            picture = Image.fromarray(raster(scenes[min(step, len(scenes) - 1)]))
+            pane = Image.new("RGB", (picture.width + 12, picture.height + 26), "white")
+            pane.paste(picture, (6, 20))
+            ImageDraw.Draw(pane).text((8, 2), f"{agent}, {scenes[min(step, len(scenes) - 1)].title}", "black", font)
+            panes.append(np.asarray(pane))
+        frames.append(Image.fromarray(np.concatenate(panes, axis=1)))
+    palette = frames[-1].quantize(64, dither=Image.Dither.NONE)
+    indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
+    path = IMAGES / "flights.gif"
+    durations = [110] * (len(indexed) - 1) + [3000]
+    indexed[0].save(path, save_all=True, append_images=indexed[1:], duration=durations, loop=0, optimize=True)
+    print(f"wrote {path}: {path.stat().st_size / 1e6:.2f} MB")
+
+
 if __name__ == "__main__":
+    moving()
     main()
     plot()
     photograph()

@@ -196,6 +196,23 @@ def test_weights_that_do_not_fit_are_refused_in_one_line(name, array, reason, tm
     assert "\n" not in str(error.value)
 
 
+#: Names of fields of a configuration, by those that they had when the shipped weights were trained.
+RENAMED = {
+    "environments": "num_envs",
+    "trace": "td_lambda",
+    "replay": "buffer_size",
+    "prefill": "learning_starts",
+    "rate": "learning_rate",
+    "last_rate": "last_learning_rate",
+    "warmup": "lr_warmup",
+    "flat": "lr_hold",
+    "anywhere": "random_start_fraction",
+    "last_anywhere": "last_random_start_fraction",
+    "careful": "safe_exploration",
+    "last_careful": "last_safe_exploration",
+}
+
+
 def test_shipped_weights_fly_as_the_paper_says():
     """The reference agent on the paper's scenarios: a few episodes of each; the leaderboard has all."""
     shipped = shipped_weights("ddqn")
@@ -203,7 +220,8 @@ def test_shipped_weights_fly_as_the_paper_says():
     for name, path in shipped.items():
         assert path.stat().st_size < 5_000_000
         record = load_weights(path)[1]
-        assert {"crash_scale": 1.0, **record["config"]} == asdict(DDQN.CONFIGS[record["config_name"]])
+        config = {RENAMED.get(field, field): value for field, value in record["config"].items()}
+        assert {"crash_scale": 1.0, **config} == asdict(DDQN.CONFIGS[record["config_name"]])
         assert (record["config_name"] == "finish") == (record.get("start_sha256") is not None)
         scenario = load_scenario(name)
         records = list(evaluate(Job(SOURCE, scenario, "validation"), range(50)))

@@ -31,7 +31,7 @@ def test_what_is_filed_together_is_of_one_hand(submissions, old, new):
     build(submissions)
     rewrite(submissions / "random" / "Block8-DH-v0" / "manifest.toml", old, new)
     (line,) = build(submissions).refused
-    assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): another than owners.toml says of this name", line)
+    assert re.match(r"random/Block8-DH-v0: manifest.toml: (authors|link): not what owners.toml says of this name", line)
 
 
 def test_a_stranger_with_as_many_folders_does_not_drive_the_owner_out(submissions, results):
@@ -48,11 +48,11 @@ def test_a_stranger_with_as_many_folders_does_not_drive_the_owner_out(submission
             rewrite(submissions / "greedy" / "Block8-CPP-v0" / "manifest.toml", '"A. Author"', '"M. Allory"')
         refused = build(submissions).refused
         assert [line.split(": ")[0] for line in refused] == [f"greedy/{name}" for name in NAMES[-strangers:]]
-        assert all("another than owners.toml says" in line for line in refused)
+        assert all("not what owners.toml says" in line for line in refused)
         authors = {row["authors"] for row in rows(board) if row["name"] == "greedy"}
         assert authors == ({"A. Author, B. Author"} if strangers == 1 else set())
     shutil.rmtree(submissions / "greedy")
-    with pytest.raises(SubmissionError, match=r"authors: another than owners\.toml says of this name: choose another name"):
+    with pytest.raises(SubmissionError, match=r"authors: not what owners\.toml says of this name: choose another name"):
         submit(results["greedy"], submissions, name="greedy", authors=["M. Allory"])
     submit(results["greedy"], submissions, name="greedy", authors=["A. Author", "B. Author"])
     assert build(submissions).refused == []
@@ -67,7 +67,7 @@ def test_a_name_of_nobody_yet_goes_to_whoever_has_most_of_it_or_to_nobody(submis
     rewrite(submissions / "random" / "Block8-CPP-v0" / "manifest.toml", '"A. Author"', '"M. Allory"')
     refused = build(submissions).refused
     assert [line.split(": ", 1)[1] for line in refused] == [
-        "manifest.toml: authors: others hand in as much under this name: write in owners.toml whose it is"
+        "manifest.toml: authors: others submitted equally many folders under this name: write its owner in owners.toml"
     ] * 2
     assert "random" not in (submissions.parent / "owners.toml").read_text(encoding="utf-8")
 

@@ -122,9 +122,9 @@ def test_what_build_would_refuse_is_not_submitted(results, tmp_path):
     told = {"name": "a", "authors": ["b"]}
     coverage, harvesting = results["greedy"]
     submit([coverage], tmp_path / "s", **told)
-    with pytest.raises(SubmissionError, match=r"link: .*Block8-CPP-v0 has none and track state: say the same"):
+    with pytest.raises(SubmissionError, match=r"link: .*Block8-CPP-v0 has none and track state: use the same"):
         submit([harvesting], tmp_path / "s", **told, link="https://example.org")
-    with pytest.raises(SubmissionError, match="has none and track state: say the same"):
+    with pytest.raises(SubmissionError, match="has none and track state: use the same"):
         submit([results["random"][1]], tmp_path / "s", **told)
     with pytest.raises(SubmissionError, match="track: greedy has state, random observation"):
         submit([coverage, results["random"][1]], tmp_path / "s", **told)
@@ -308,7 +308,7 @@ def reads_author(name):
 
 @pytest.mark.parametrize("name", [*"\u3164\uffa0\u2800\u034f\ufe0f\u115f\U000e0100 —", "A\u2800B", "a\u200db"])
 def test_names_of_what_cannot_be_seen_are_no_authors(name):
-    with pytest.raises(ValidationError, match=r"cannot be seen|has a letter"):
+    with pytest.raises(ValidationError, match=r"cannot be seen|needs a letter"):
         reads_author(name)
 
 

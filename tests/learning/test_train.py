@@ -328,7 +328,7 @@ def test_damaged_and_foreign_files_are_refused_in_one_line(tmp_path):
         ("validation = 0", "validation: 0 is not from 1 to"),
         ("updates = -1", "updates: -1 is not from 1 to"),
         ("discount = 1.5", "discount: 1.5 is not from 0 to 1"),
-        ("rate = nan", "rate: nan is not"),
+        ("learning_rate = nan", "learning_rate: nan is not"),
         ("temperature = 0", "temperature: 0"),
         ("buffer_size = 1000", "buffer_size: 1000 is too small: num_envs = 128 and segment = 8 need 1280 steps"),
         ("updates =", "is not TOML"),

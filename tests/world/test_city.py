@@ -96,7 +96,7 @@ def test_homeward_are_the_actions_after_which_it_can_still_land(rows, budget):
 
 def test_its_arrays_are_read_only():
     city = city_of(load_scenario("Block8-CPP-v0"))
-    for name in ("landing", "no_fly", "building", "landing_cells", "action_mask", "home"):
+    for name in ("landing", "no_fly", "building", "landing_cells", "action_mask", "distance_to_landing"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(city, name)[0] = 0
 

@@ -23,7 +23,7 @@ app = typer.Typer(
 
 
 def _version(wanted: bool) -> None:
-    """Print the version and end, when it is asked for."""
+    """If ``--version`` is given, print the version and exit."""
     if wanted:
         from uavbench import __version__
 
@@ -72,7 +72,7 @@ def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .
 
 @app.command(epilog="\b\nExample:\n  uavbench new my_agent.py")
 def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> None:
-    """Write a template of an agent."""
+    """Write a template of an agent to a file."""
     from uavbench import UavbenchError
     from uavbench.agents.agent import write_template
 
@@ -85,15 +85,15 @@ def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> Non
 
 @app.command(epilog="\b\nExample:\n  uavbench check my_agent.py")
 def check(
-    agent: Annotated[str, typer.Argument(help="path.py, path.py:Class, or a built-in's name.")],
+    agent: Annotated[str, typer.Argument(help="path.py, path.py:Class, or the name of a built-in agent.")],
     scenario: Annotated[
-        list[str] | None, typer.Option(help="Where to fly instead of Block8-CPP-v0 and Block8-DH-v0; repeatable.")
+        list[str] | None, typer.Option(help="A scenario to fly instead of Block8-CPP-v0 and Block8-DH-v0; repeatable.")
     ] = None,
     decision_timeout: DecisionTimeout = 60.0,
 ) -> None:
     """Check that an agent keeps the contract.
 
-    It is flown on Block8; what is wrong is said in one line.
+    Flies validation episodes with it, and says in one line what is wrong.
     """
     from uavbench import UavbenchError
     from uavbench.agents.agent import find_agent
@@ -116,41 +116,42 @@ def evaluate(
     agent: Annotated[
         str,
         typer.Option(
-            help="path.py, path.py:Class, package.module:Class, a .safetensors or .onnx file, or a built-in: boustrophedon, "
-            "ddqn, greedy, orienteering, pilot, planner, random, tsp."
+            help="path.py, path.py:Class, package.module:Class, a .safetensors or .onnx file, or a built-in agent: "
+            "boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp."
         ),
     ],
     scenario: Annotated[
         list[str] | None,
         typer.Option(
-            help="An id, the path of a .toml file, or 'all'; repeatable. By default what the weights were trained on, "
-            "and Manhattan32-CPP-v0 where there are none."
+            help="An id, the path of a .toml file, or 'all'; repeatable. By default the scenario that the weights were trained "
+            "on, or Manhattan32-CPP-v0 without weights."
         ),
     ] = None,
-    weights: Annotated[Path | None, typer.Option(help="What your own agent's file is to fly with.")] = None,
-    name: Annotated[str | None, typer.Option(help="What the results are filed under; by default the file's name.")] = None,
+    weights: Annotated[Path | None, typer.Option(help="The weights for your own agent's file.")] = None,
+    name: Annotated[str | None, typer.Option(help="The agent's name in the results; by default the file's name.")] = None,
     transfer: Annotated[
-        bool, typer.Option("--transfer", help="Let weights fly on another map than they were trained on; the result says so.")
+        bool, typer.Option("--transfer", help="Allow weights on another map than that of their training; the result says so.")
     ] = False,
     split: Annotated[str, typer.Option(help="test, validation or train.")] = "test",
     episodes: Annotated[
-        int | None, typer.Option(min=1, help="How many, from 0 on; by default all of the split, and 1000 of train.")
+        int | None, typer.Option(min=1, help="How many episodes, from 0 on; by default all of the split, or 1000 of train.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="Where results go.")] = Path("results"),
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    out: Annotated[Path, typer.Option(help="The folder of all results.")] = Path("results"),
+    workers: Annotated[int, typer.Option(min=1, help="The number of processes.")] = 1,
     decision_timeout: DecisionTimeout = 60.0,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from an interrupted run; keep finished ones.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an interrupted run; keep finished ones.")] = False,
     overwrite: Annotated[
         bool,
         typer.Option(
-            "--overwrite", help="Replace even a result, or a begun run, of another split, of more episodes or of another agent."
+            "--overwrite",
+            help="Replace a result or an interrupted run even if it is of another split, more episodes or another agent.",
         ),
     ] = False,
 ) -> None:
-    """Score an agent over a split's episodes.
+    """Score an agent on the episodes of a split.
 
     Prints Landed, CR and CRAL, each with its 95 % confidence interval, and the gaps to the upper bounds and to the best known
-    flights where the scenario has them.
+    scores if the scenario has them.
     """
     from rich.console import Console
 
@@ -168,7 +169,7 @@ def evaluate(
         planned = jobs(source, scenario, split, episodes, decision_timeout)
     except UavbenchError as error:
         raise fail(error) from None
-    out = start / out  # whatever an agent does to the current folder
+    out = start / out  # absolute, because an agent may change the current folder
     for job, count, optional in planned:
         try:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
@@ -197,7 +198,7 @@ def evaluate(
                 typer.echo(f"{job.scenario.id}: left out: {error.reason}", err=True)
             else:
                 status = fail(error, 1).exit_code
-        except UavbenchError as error:  # the other scenarios are flown all the same
+        except UavbenchError as error:  # the other scenarios are still flown
             status = fail(error, 1 if isinstance(error, AgentError) or len(planned) > 1 else 2).exit_code
         except KeyboardInterrupt as error:
             error.args = ("interrupted",)
@@ -213,7 +214,7 @@ def replay(
 ) -> None:
     """Simulate a result again from its actions.
 
-    Every number must come out the same.
+    Every number must be reproduced.
     """
     from uavbench import UavbenchError
     from uavbench.evaluation.replay import replay as replay_result
@@ -233,7 +234,7 @@ def replay(
 def compare(first: ResultFolder, second: ResultFolder) -> None:
     """Compare two agents on the same episodes.
 
-    Prints paired differences and the probability that the first is better, with their intervals.
+    Prints paired differences and the probability that the first agent is better, with their confidence intervals.
     """
     from rich.console import Console
 
@@ -255,21 +256,25 @@ def compare(first: ResultFolder, second: ResultFolder) -> None:
 )
 def bound(
     scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")],
-    episodes: Annotated[int | None, typer.Option(min=0, help="Bound test episodes from 0 on, so many; all by default.")] = None,
+    episodes: Annotated[
+        int | None, typer.Option(min=0, help="How many test episodes to bound, from 0 on; by default all.")
+    ] = None,
     result: Annotated[
         list[Path] | None,
-        typer.Option(help="A folder that evaluate wrote, or a submission's: its scores count where they are best; repeatable."),
+        typer.Option(
+            help="A folder that evaluate wrote, or a submission: its scores are kept where they are best; repeatable."
+        ),
     ] = None,
     seconds: Annotated[
-        float, typer.Option(min=0.0, callback=number, help="Seconds of processor time that a bound may take.")
+        float, typer.Option(min=0.0, callback=number, help="Seconds of processor time that each bound may take.")
     ] = 20.0,
-    workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    workers: Annotated[int, typer.Option(min=1, help="The number of processes.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder of the table, <scenario>.csv.")] = Path("reference"),
 ) -> None:
-    """Compute what no agent can exceed on test episodes.
+    """Compute upper bounds on test episodes, which no agent can exceed.
 
-    Writes a table of upper bounds and best known scores, and prints their means. It goes on from the table that is there or,
-    if there is none, from the scenario's own: only bounds that are missing, or may gain by more seconds, are computed.
+    Writes a table of upper bounds and best known scores, and prints their means. It continues the table in the --out folder or,
+    if there is none, the scenario's own, and computes only bounds that are missing or may improve with more seconds.
     """
     from rich.console import Console
 
@@ -304,12 +309,13 @@ def bound(
 def freeze(
     scenario: Annotated[Path, typer.Argument(help="The path of a .toml file.")],
     replace: Annotated[
-        bool, typer.Option("--replace", help="Draw frozen episodes anew, of a scenario of which nobody has seen a result.")
+        bool,
+        typer.Option("--replace", help="Draw frozen episodes again. Only for a scenario of which nobody has seen a result."),
     ] = False,
 ) -> None:
-    """Freeze a scenario's episodes in files.
+    """Write a scenario's validation and test episodes to files, so that they never change.
 
-    Prints the lines that name them, for the scenario's file.
+    Prints the lines that name these files, which you add to the scenario's file.
     """
     from uavbench import UavbenchError, load_scenario
     from uavbench.simulation.freeze import freeze as freeze_scenario

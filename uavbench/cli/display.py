@@ -15,14 +15,14 @@ from uavbench.errors import one_line
 from uavbench.evaluation.metrics import NAMES
 from uavbench.world.scenario import BUILDING, LANDING, NO_FLY, Scenario
 
-if TYPE_CHECKING:  # listing scenarios must not wait for a compiler
+if TYPE_CHECKING:  # these import the compiler, and listing scenarios must not wait for that
     from uavbench.evaluation.metrics import Comparison, Interval
     from uavbench.evaluation.reference import Gaps, Reference
     from uavbench.evaluation.results import Result
     from uavbench.leaderboard.ranking import Row
     from uavbench.speed.measure import Speed
 
-_LONGEST_HEAD = 20  # characters of an agent's name in a column's head
+_LONGEST_HEAD = 20  # characters of an agent's name in a column's header
 _STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
 
 
@@ -60,7 +60,7 @@ def scenario_text(scenario: Scenario) -> Text:
     """Return what `uavbench show` prints: the parameters and the map."""
     text = Text()
     text.append(f"{scenario.id}", style="bold")
-    text.append(f"  {one_line(scenario.title)}\n")  # a title comes from anybody, and may steer the terminal
+    text.append(f"  {one_line(scenario.title)}\n")  # a title may come from anybody, with control characters for the terminal
     text.append(f"digest {scenario.digest}\nfile {one_line(scenario.path)}\n\n")
     parts = scenario.model_dump(mode="json", exclude={"id", "title", "path", "rows"})
     for name, value in _flat(parts):
@@ -76,7 +76,7 @@ def scenario_text(scenario: Scenario) -> Text:
 
 
 def _flat(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Flatten nested parameters to dotted names."""
+    """Yield nested parameters with dotted names."""
     for name, value in parts.items():
         if isinstance(value, Mapping):
             yield from _flat(cast("Mapping[str, Any]", value), f"{prefix}{name}.")
@@ -120,7 +120,7 @@ def comparison_table(first: "Result", second: "Result", comparison: "Mapping[str
 
 
 def gaps_text(gaps: "Gaps") -> str:
-    """Return how far a result is from what is known, in percentage points of CRAL."""
+    """Return how far a result is from the upper bounds and the best known scores, in percentage points of CRAL."""
     lines: list[str] = []
     for label, gap, count in (("bound", gaps.to_bound, gaps.bounded), ("best known", gaps.to_best, gaps.compared)):
         if gap:
@@ -134,7 +134,7 @@ def gaps_text(gaps: "Gaps") -> str:
 
 
 def reference_table(scenario: Scenario, reference: "Reference") -> Group:
-    """Return what `uavbench bound` prints: means of what is known, in per cent."""
+    """Return what `uavbench bound` prints: means of upper bounds, best known scores and their gaps, in per cent."""
     from uavbench.evaluation.metrics import mean_interval
 
     known = list(reference.values())
@@ -170,7 +170,7 @@ def leaderboard_tables(rows: "Iterable[Row]") -> Group:
                 title=f"{row.track} track",
                 box=box.SIMPLE_HEAD,
                 padding=0,
-                show_edge=False,  # 80 columns are enough so
+                show_edge=False,  # so that it fits in 80 columns
             )
             for column in ("scenario", "agent", "rank", "Landed", "CR", "CRAL", "95 % CI"):
                 table.add_column(column, justify="left" if column in ("scenario", "agent") else "right", no_wrap=True)

@@ -10,28 +10,28 @@ from uavbench.cli.shared import DecisionTimeout, fail
 app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
-    help="Check submissions, and make the leaderboard of them.",
+    help="Check submissions, and build the leaderboard from them.",
     epilog="\b\nExamples:\n  uavbench leaderboard verify leaderboard/submissions/my-agent\n"
     "  uavbench leaderboard build leaderboard/submissions",
 )
 
-_Submissions = Annotated[Path, typer.Argument(help="A folder of submissions, or one of them.")]
-_Workers = Annotated[int, typer.Option(min=1, help="Processes.")]
+_Submissions = Annotated[Path, typer.Argument(help="A folder of submissions, or a single submission.")]
+_Workers = Annotated[int, typer.Option(min=1, help="The number of processes.")]
 
 
 def submit(
-    results: Annotated[list[Path], typer.Argument(help="Folders that evaluate wrote, all of one agent.")],
-    name: Annotated[str, typer.Option(help="What the leaderboard calls the agent.")],
-    authors: Annotated[list[str], typer.Option(help="Who made it; repeatable.")],
-    link: Annotated[str, typer.Option(help="Where it is described.")] = "",
-    training: Annotated[str, typer.Option(help="On what it was trained, with which seeds.")] = "",
-    hardware: Annotated[str, typer.Option(help="On what it was flown; by default this machine.")] = "",
+    results: Annotated[list[Path], typer.Argument(help="Folders that evaluate wrote, one for each scenario.")],
+    name: Annotated[str, typer.Option(help="The agent's name on the leaderboard.")],
+    authors: Annotated[list[str], typer.Option(help="An author of the agent; repeatable.")],
+    link: Annotated[str, typer.Option(help="The web address of a description.")] = "",
+    training: Annotated[str, typer.Option(help="What it was trained on, with which seeds.")] = "",
+    hardware: Annotated[str, typer.Option(help="The machine it was flown on; by default this one.")] = "",
     out: Annotated[Path, typer.Option(help="The folder of submissions.")] = Path("leaderboard/submissions"),
 ) -> None:
     """Make a submission to the leaderboard.
 
-    The results are of all test episodes, a scenario each. Every action is replayed first. What is written is
-    OUT/<name>/<scenario>: a manifest, the actions and the episodes.
+    Each result must be of all test episodes of one scenario. Every action is replayed first. Then a manifest, the actions and
+    the episodes are written to OUT/<name>/<scenario>.
     """
     from rich.console import Console
 
@@ -55,7 +55,7 @@ def submit(
 def verify(folder: _Submissions, workers: _Workers = 1) -> None:
     """Replay every action of submissions and compare every number.
 
-    What is refused is named, with the reason, and the exit status is 1 then.
+    If submissions are refused, names each with the reason, and the exit status is 1.
     """
     from rich.console import Console
 
@@ -85,9 +85,10 @@ def build(
 ) -> None:
     """Replay all submissions, and write the table and the page.
 
-    They are leaderboard.csv and index.html beside the submissions' folder.
+    The table is leaderboard.csv and the page is index.html, beside the submissions' folder. owners.toml there records who owns
+    each name.
 
-    What is refused is named, with the reason, and the rest is built; the exit status is 1 then.
+    If submissions are refused, names each with the reason and builds the leaderboard from the others; the exit status is 1.
     """
     from rich.console import Console
 
@@ -109,7 +110,7 @@ def build(
     for line in board.refused:
         fail(f"refused: {line}")
     if not board.rows:
-        fail("none holds: nothing was written")
+        fail("no valid submission: nothing was written")
     if board.refused:
         raise typer.Exit(1)
 
@@ -124,24 +125,24 @@ def rerun(
     folder: _Submissions,
     agent: Annotated[
         str,
-        typer.Option(help="What was submitted: path.py, path.py:Class, a .safetensors or .onnx file, or a built-in."),
+        typer.Option(help="The submitted agent: path.py, path.py:Class, a .safetensors or .onnx file, or a built-in agent."),
     ],
-    weights: Annotated[Path | None, typer.Option(help="What the agent's own file flew with.")] = None,
-    episodes: Annotated[int | None, typer.Option(min=1, help="How many, from 0 on; by default all.")] = None,
-    fresh: Annotated[int, typer.Option(min=0, help="How many episodes that nobody has published.")] = 200,
+    weights: Annotated[Path | None, typer.Option(help="The weights that the agent's file flew with.")] = None,
+    episodes: Annotated[int | None, typer.Option(min=1, help="How many submitted episodes, from 0 on; by default all.")] = None,
+    fresh: Annotated[int, typer.Option(min=0, help="How many fresh episodes, which nobody has published.")] = 200,
     key: Annotated[
-        int | None, typer.Option(min=0, help="What they are drawn from: use a long number, once; by default a random one.")
+        int | None, typer.Option(min=0, help="The key of the fresh episodes: a long number, used once; by default random.")
     ] = None,
     workers: _Workers = 1,
     decision_timeout: DecisionTimeout = 60.0,
 ) -> None:
-    """Execute a submission's agent again, compare every action, and let it fly episodes that nobody has published.
+    """Run a submission's agent again, compare every action, and let it fly fresh episodes, which nobody has published.
 
-    Where it takes the same actions, that is written down in reruns.csv beside the folder of all submissions, and the next build
-    shows the tier "rerun", unless the score on the fresh episodes is another one. An agent on the observation track runs in a
-    process of its own, which holds no simulator.
+    If it takes the same actions, reruns.csv beside the folder of all submissions records that. After a rerun of all episodes,
+    the next build shows the tier "rerun", unless the score on fresh episodes does not agree with the submitted one. An agent on
+    the observation track runs in a process of its own, which holds no simulator.
 
-    This executes a stranger's code: do it in a container without a network (docs/leaderboard.md).
+    This runs a stranger's code: do it in a container without a network (docs/leaderboard.md).
     """
     from rich.console import Console
 
@@ -167,10 +168,10 @@ def rerun(
                 except RerunInterrupted as interrupted:
                     if interrupted.rerun.episodes:
                         save_rerun(kept, interrupted.rerun)
-                    done = f"that the actions of {interrupted.rerun.episodes} episodes are the same stands in {kept}"
+                    done = f"the actions of {interrupted.rerun.episodes} episodes are the same, recorded in {kept}"
                     raise fail(f"interrupted; {done}", 1) from None
             save_rerun(kept, found)
-            typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes; it stands in {kept}")
+            typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes, recorded in {kept}")
             if fresh:
                 typer.echo(f"{submission.label}: {fresh_text(found)}")
     except UavbenchError as error:

@@ -9,16 +9,16 @@ from uavbench.cli.shared import fail
 
 
 def train(
-    agent: Annotated[str, typer.Argument(help="A built-in that learns, or path.py with a Learner.")],
+    agent: Annotated[str, typer.Argument(help="A built-in agent that learns, or path.py with a class Learner.")],
     scenario: Annotated[str, typer.Option(help="An id, or the path of a .toml file.")] = "Manhattan32-CPP-v0",
     config: Annotated[
-        str, typer.Option(help="One of the agent's own (ddqn: paper, fast, finish), or a .toml file of what differs.")
+        str, typer.Option(help="One of the agent's own (ddqn: paper, fast, finish), or a .toml file that changes some values.")
     ] = "fast",
-    seed: Annotated[int, typer.Option(min=0, max=2**24 - 1, help="Another seed, another training.")] = 0,
-    start: Annotated[Path | None, typer.Option("--from", help="Weights to begin from; by default none.")] = None,
-    out: Annotated[Path, typer.Option(help="Where weights, checkpoints and curves go.")] = Path("runs"),
-    resume: Annotated[bool, typer.Option("--resume", help="Go on from the last checkpoint.")] = False,
-    threads: Annotated[int, typer.Option(min=1, help="Of the network's arithmetic.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, max=2**24 - 1, help="The seed of all randomness in the training.")] = 0,
+    start: Annotated[Path | None, typer.Option("--from", help="Weights to start from; by default none.")] = None,
+    out: Annotated[Path, typer.Option(help="The folder for weights, checkpoints and curves.")] = Path("runs"),
+    resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint.")] = False,
+    threads: Annotated[int, typer.Option(min=1, help="The number of threads that compute the network.")] = 1,
 ) -> None:
     """Train a learned agent.
 
@@ -60,15 +60,15 @@ def train(
 
 
 def export(
-    agent: Annotated[str, typer.Argument(help="A built-in that has learned, or a .safetensors file.")],
-    path: Annotated[Path, typer.Argument(help="The model to write, model.onnx.")],
+    agent: Annotated[str, typer.Argument(help="A built-in agent with weights, or a .safetensors file.")],
+    path: Annotated[Path, typer.Argument(help="The file to write, for example model.onnx.")],
     scenario: Annotated[
-        str | None, typer.Option(help="Whose observations it is to take; by default what it was trained on.")
+        str | None, typer.Option(help="The scenario whose observations it takes; by default the one it was trained on.")
     ] = None,
 ) -> None:
     """Write a learned agent as an ONNX model.
 
-    It can be scored without the agent's code: --agent model.onnx.
+    The model can be scored without the agent's code: uavbench evaluate --agent model.onnx.
     """
     from uavbench import UavbenchError, load_scenario
     from uavbench.agents.agent import find_agent

@@ -1,4 +1,4 @@
-"""``uavbench plot``, ``film``, ``play`` and ``report``: results to look at."""
+"""``uavbench plot``, ``film``, ``play`` and ``report``: pictures of results, and episodes to play."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +10,7 @@ from uavbench.cli.shared import ResultFolder, ScenarioFile, fail, flown
 if TYPE_CHECKING:
     from uavbench.evaluation.results import Result
 
-_Episode = Annotated[int, typer.Option(min=0, help="Which episode.")]
+_Episode = Annotated[int, typer.Option(min=0, help="The number of the episode.")]
 
 
 def plot(
@@ -21,9 +21,9 @@ def plot(
     ] = None,
     scenario: ScenarioFile = None,
 ) -> None:
-    """Draw a flight of a result, as the paper's figure 2 does.
+    """Draw an episode of a result in the style of the paper's figure 2.
 
-    The title says how many movements of the budget were made, and the CR.
+    The title says how much of the movement budget was used, and the CR.
     """
     from uavbench import UavbenchError
     from uavbench.pictures.plot import check_plot, save_plot
@@ -43,12 +43,12 @@ def film(
     folder: ResultFolder,
     episode: _Episode = 0,
     out: Annotated[Path | None, typer.Option(help="An .mp4 or .gif file; by default <scenario>-<agent>-<episode>.mp4.")] = None,
-    fps: Annotated[float, typer.Option(min=0.1, max=120, help="Steps shown a second.")] = 8.0,
+    fps: Annotated[float, typer.Option(min=0.1, max=120, help="Steps shown per second.")] = 8.0,
     scenario: ScenarioFile = None,
 ) -> None:
-    """Make a film of a flight of a result.
+    """Make a film of an episode of a result.
 
-    MP4 needs the extra film; GIF does not.
+    MP4 needs the extra "film"; GIF does not.
     """
     from rich.console import Console
 
@@ -74,9 +74,9 @@ def play(
     episode: _Episode = 0,
     split: Annotated[str, typer.Option(help="train, validation or test.")] = "train",
 ) -> None:
-    """Fly yourself, with the arrow keys, and be scored. Needs the extra human.
+    """Fly episodes yourself with the arrow keys, and see your score. Needs the extra "human".
 
-    Space hovers, return lands, r starts again, n takes the next episode, q ends.
+    Space hovers, return lands, r restarts the episode, n takes the next one, q quits.
     """
     from uavbench import UavbenchError, load_scenario
     from uavbench.pictures.play import play as fly
@@ -99,14 +99,14 @@ def _score(episode: int, landed: bool, cr: float, cral: float) -> str:
 
 def report(
     folders: Annotated[
-        list[Path] | None, typer.Argument(help="Folders that evaluate wrote on one scenario and split, or submissions'.")
+        list[Path] | None, typer.Argument(help="Folders that evaluate wrote on one scenario and split, or submissions.")
     ] = None,
     out: Annotated[Path, typer.Option(help="The folder to write.")] = Path("report"),
     group: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=RESULT,RESULT,…",
-            help="A method trained with several seeds, a folder for each: one entry. Repeatable.",
+            help="One entry for a method trained with several seeds, a folder for each seed; repeatable.",
         ),
     ] = None,
     against: Annotated[
@@ -116,10 +116,10 @@ def report(
 ) -> None:
     """Write tables and figures that compare results.
 
-    Where results have different numbers of episodes, those that all have are compared.
+    If results have different numbers of episodes, only the episodes that all of them have are compared.
 
-    The comparison as Markdown, LaTeX and CSV; CRAL and failures to land against the budget, CR against targets or devices, and
-    performance profiles, as PNG and PDF.
+    Writes the comparison as Markdown, LaTeX and CSV, and figures as PNG and PDF: CRAL and failures to land against the budget,
+    CR against targets or devices, and performance profiles.
     """
     from rich.console import Console
 
@@ -137,12 +137,12 @@ def report(
 
 
 def _groups(given: list[str]) -> "dict[str, list[Result]]":
-    """Return the results of each ``--group``, by its name.
+    """Return the results of each ``--group``, by the group's name.
 
     Raises
     ------
     ResultError
-        When one is not NAME=RESULT,RESULT,…, a name is given twice, or a result cannot be used.
+        When a group is not NAME=RESULT,RESULT,…, a name is given twice, or a result cannot be used.
     """
     from uavbench.evaluation.results import ResultError
 

@@ -15,24 +15,24 @@ _LINE_SECONDS = 30.0  # between two plain lines
 
 
 class _Bar(Progress):
-    """A bar that, where there is no terminal to show it in, is a plain line at most every 30 seconds."""
+    """A progress bar. Without a terminal, it prints a plain line at most every 30 seconds instead."""
 
     def __init__(self, *columns: Any, console: Console) -> None:
         super().__init__(*columns, console=console)
         self._told = time.monotonic()
 
     def update(self, task_id: TaskID, **changes: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Change a task, and tell of it."""
+        """Change a task, and print a line if one is due."""
         super().update(task_id, **changes)
         self._tell(task_id)
 
     def advance(self, task_id: TaskID, advance: float = 1) -> None:
-        """Count on, and tell of it."""
+        """Advance a task, and print a line if one is due."""
         super().advance(task_id, advance)
         self._tell(task_id)
 
     def _tell(self, task_id: TaskID) -> None:
-        """Print a line, when there is no terminal and it is time for one."""
+        """Print a line if there is no terminal and the last line is 30 seconds old."""
         if self.console.is_terminal or time.monotonic() - self._told < _LINE_SECONDS:
             return
         self._told = time.monotonic()
@@ -53,7 +53,7 @@ def _clock(seconds: float | None) -> str:
 
 @contextmanager
 def _bar(console: Console) -> Generator[Progress]:
-    """Return a bar that is not shown before it is started."""
+    """Provide a bar, which is not shown before it is started."""
     progress = _Bar(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -72,7 +72,7 @@ def _bar(console: Console) -> Generator[Progress]:
 
 @contextmanager
 def working(console: Console, label: str, total: int) -> Generator[Callable[[object], None]]:
-    """Show the progress of a few long pieces of work, each of which calls what is given when it is done."""
+    """Show the progress of ``total`` pieces of work; call the yielded function when each of them is done."""
     with _bar(console) as progress:
         task = progress.add_task(label, total=total, mean="")
         progress.start()
@@ -80,7 +80,7 @@ def working(console: Console, label: str, total: int) -> Generator[Callable[[obj
 
 
 class EpisodesProgress:
-    """The bar that runs while episodes are flown or bounded, with the mean of what comes out so far."""
+    """The bar that runs while episodes are flown or bounded, with the mean of their values so far."""
 
     def __init__(self, progress: Progress, label: str, name: str) -> None:
         self._progress = progress
@@ -90,13 +90,13 @@ class EpisodesProgress:
         self._count = 0
 
     def show(self, total: int) -> None:
-        """Show the bar: ``total`` episodes begin, if there are any."""
+        """Show the bar for ``total`` episodes, if there are any."""
         self._progress.update(self._task, total=total)
         if total:
             self._progress.start()
 
     def advance(self, value: float) -> None:
-        """Count an episode that is done, in which ``value`` came out."""
+        """Count a finished episode, with its ``value`` in [0, 1]."""
         self._sum += value
         self._count += 1
         self._progress.update(self._task, advance=1, mean=f"{self._name} {100 * self._sum / self._count:.1f} %")
@@ -104,7 +104,7 @@ class EpisodesProgress:
 
 @contextmanager
 def episodes_progress(console: Console, label: str, name: str) -> Generator[EpisodesProgress]:
-    """Show the progress of a run over episodes, from its `show` to the end of the block."""
+    """Show the progress of a run over episodes, from the call of `show` to the end of the block."""
     with _bar(console) as progress:
         yield EpisodesProgress(progress, label, name)
 
@@ -117,7 +117,7 @@ class TrainingProgress:
         self._task = progress.add_task(label, total=None, mean="starting (the first run compiles)")
 
     def show(self, done: int, updates: int) -> None:
-        """Show the bar: ``done`` of so many updates are done."""
+        """Show the bar, with ``done`` of ``updates`` updates done."""
         self._progress.update(self._task, total=updates, completed=done, mean="")
         self._progress.start()
 
@@ -136,6 +136,6 @@ class TrainingProgress:
 
 @contextmanager
 def training_progress(console: Console, label: str) -> Generator[TrainingProgress]:
-    """Show the progress of a training, from its `show` to the end of the block."""
+    """Show the progress of a training, from the call of `show` to the end of the block."""
     with _bar(console) as progress:
         yield TrainingProgress(progress, label)

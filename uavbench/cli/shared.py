@@ -1,4 +1,4 @@
-"""What commands share: how they fail, and arguments."""
+"""What commands share: error messages and arguments."""
 
 import math
 import sys
@@ -10,11 +10,11 @@ import typer
 if TYPE_CHECKING:
     from uavbench.evaluation.results import Result
 
-ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission's.")]
+ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission.")]
 
 
 def number(value: float) -> float:
-    """Refuse NaN, which older versions of Typer take for a number within any limits."""
+    """Refuse NaN, which older versions of Typer accept whatever the limits are."""
     if math.isnan(value):
         raise typer.BadParameter("nan is not a number")
     return value
@@ -32,7 +32,7 @@ def flown(folder: Path) -> "Result":
     Raises
     ------
     ResultError
-        When there is none, or it cannot be used.
+        When the folder holds no result, or one that cannot be used.
     """
     from uavbench.evaluation.results import ResultError, load_result
     from uavbench.leaderboard.submission import MANIFEST, SubmissionError, load_submission
@@ -40,7 +40,9 @@ def flown(folder: Path) -> "Result":
     if not (folder / MANIFEST).exists():
         return load_result(folder)
     try:
-        return load_submission(folder.absolute()).result  # its name and its parent's are checked, and "." has none
+        return load_submission(
+            folder.absolute()
+        ).result  # absolute: the names of folder and parent are checked, and "." has none
     except SubmissionError as error:
         raise ResultError(str(error)) from None
 
@@ -51,7 +53,7 @@ def warn(line: str) -> None:
 
 
 def fail(error: BaseException | str, code: int = 2) -> typer.Exit:
-    """Print what is wrong, and return the exit with ``code``; what a file says cannot steer the terminal."""
+    """Print what is wrong without control characters, which may come from a file; return the exit with ``code``."""
     lines = "\n".join([str(error), *getattr(error, "__notes__", ())])
     seen = "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in lines)
     print(f"uavbench: {seen}", file=sys.stderr)  # noqa: T201

@@ -11,16 +11,19 @@ from uavbench.cli.shared import fail, warn
 
 def speed(
     scenario: Annotated[
-        list[str] | None, typer.Option(help="An id or a .toml file, instead of both missions on both maps; repeatable.")
+        list[str] | None,
+        typer.Option(help="An id or a .toml file; by default both missions on both of the paper's maps; repeatable."),
     ] = None,
-    rounds: Annotated[int, typer.Option(min=1, help="How often each is measured; the best round counts.")] = 10,
-    peers: Annotated[bool, typer.Option(help="Whether other suites are measured too, where they are installed.")] = True,
-    out: Annotated[Path | None, typer.Option("--json", help="Also write the figures, with the machine, to this file.")] = None,
+    rounds: Annotated[int, typer.Option(min=1, help="How often everything is measured; the best round counts.")] = 10,
+    peers: Annotated[bool, typer.Option(help="Measure other suites too, if they are installed.")] = True,
+    out: Annotated[
+        Path | None, typer.Option("--json", help="Also write the figures and the machine's name to this file.")
+    ] = None,
 ) -> None:
-    """Measure how many steps a second this machine takes.
+    """Measure how many steps per second this machine simulates.
 
-    One environment, batches of 1 to 1,024 on one core and on all, with observations and without; beside them what copying the
-    same observations takes. The first run compiles what several cores need.
+    Measures one environment, and batches of 1 to 1,024 environments on one core and on all, with and without observations. The
+    tables also show how long copying the same observations takes. The first run compiles the code for several cores.
     """
     from rich.console import Console
 
@@ -32,7 +35,7 @@ def speed(
 
     console = Console()
     try:
-        if out is not None:  # before the work is done
+        if out is not None:  # now, rather than after all measurements
             check_file_writable(out)
         everything = prepare([load_scenario(name) for name in scenario or SCENARIOS], peers=peers, on_failure=warn)
         with working(console, "rounds", rounds) as advance:
@@ -43,7 +46,9 @@ def speed(
         raise fail(f"--json: cannot write {error.filename or out}: {error.strerror}") from None
     for table in speed_tables(speeds):
         console.print(table, "")
-    console.print("copy/step: the time to copy the same observations, as a part of the step's", style="dim", highlight=False)
+    console.print(
+        "copy/step: the time to copy the same observations, divided by the time of a step", style="dim", highlight=False
+    )
     console.print("{processor}, {cores} cores, {system}".format(**machine()), highlight=False, markup=False)
     if out is not None:
         try:

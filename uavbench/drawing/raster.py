@@ -1,4 +1,4 @@
-"""Pictures of a running episode: frames for ``rgb_array`` and text for ``ansi``; both work headless."""
+"""Pictures of a running episode: frames for ``rgb_array`` and text for ``ansi``; both work without a display."""
 
 from functools import lru_cache
 
@@ -26,7 +26,7 @@ def raster(scene: Scene) -> NDArray[np.uint8]:
     Returns
     -------
     ndarray of uint8, shape (M · s, N · s, 3)
-        s pixels a cell, so that the longer side has about 512.
+        s × s pixels for each cell: s is at least 3, or such that the longer side has about 512 pixels.
     """
     size = max(3, _FRAME // max(scene.cells.shape))
     large = scene.cells.repeat(size, axis=0).repeat(size, axis=1)
@@ -44,10 +44,10 @@ def raster(scene: Scene) -> NDArray[np.uint8]:
     for device in scene.devices:
         _stamp(large, _disc(size, 0.62), device.cell, device.colour)
         _stamp(large, _disc(size, 0.48) & ~_pie(size, round(12 * device.left)), device.cell, _WHITE)
-    for cell, colour in scene.hovers:  # above the devices that one hovers at, which may have the same colour
+    for cell, colour in scene.hovers:  # drawn over devices, which may have the same colour
         _stamp(large, _cross(size, 0.38, 0.2), cell, _WHITE)
         _stamp(large, _cross(size, 0.32, 0.1), cell, colour)
-    for cell, colour in scene.starts:  # hollow, and below the end, of which they leave a rim where one landed at the start
+    for cell, colour in scene.starts:  # drawn below ends; a start that is also an end leaves a rim
         _stamp(large, _diamond(size, 0.62), cell, colour)
         _stamp(large, _diamond(size, 0.38), cell, _WHITE)
     for cell, colour in scene.ends:
@@ -67,16 +67,16 @@ def captioned(picture: NDArray[np.uint8], *lines: str) -> NDArray[np.uint8]:
     width = picture.shape[1]
     strip = Image.new("RGB", (width, _LINE * len(lines) + _LINE // 2), _WHITE)
     pen = ImageDraw.Draw(strip)
-    pen.fontmode = "1"  # without greys between: a film's palette is small
+    pen.fontmode = "1"  # no smoothed edges, since their greys would fill a film's palette
     for k, line in enumerate(lines):
         pen.text((_LINE // 3, _LINE // 4 + k * _LINE), line, PATH, ImageFont.load_default(_LINE * 0.72))
     return np.concatenate([picture, np.asarray(strip)])
 
 
 def text(simulator: Simulator, i: int, trail: Trail) -> str:
-    """Write the episode in slot ``i``: ``+`` what is left of the targets, ``·`` the flown paths, ``@`` the UAV.
+    """Write the episode in slot ``i``: ``+`` for remaining target cells, ``·`` for flown paths, ``@`` for the UAV.
 
-    The UAVs of a team are written as the digits of their numbers.
+    The UAVs of a team are written as their numbers, in hexadecimal digits.
     """
     state = simulator.state
     cells = np.array([list(row) for row in simulator.scenario.rows])
@@ -93,7 +93,7 @@ def text(simulator: Simulator, i: int, trail: Trail) -> str:
 
 
 def _stamp(picture: NDArray[np.uint8], shape: NDArray[np.bool_], cell: Cell | tuple[float, float], colour: Colour) -> None:
-    """Paint a shape, of two cells' size, with its middle on that of a cell; what is outside the picture is cut off."""
+    """Paint a shape, which is two cells wide, centred on a cell; parts outside the picture are cut off."""
     side = len(shape)
     top, left = round((cell[0] + 0.5) * side / 2 - side / 2), round((cell[1] + 0.5) * side / 2 - side / 2)
     rows, cols = slice(max(0, top), top + side), slice(max(0, left), left + side)
@@ -102,7 +102,7 @@ def _stamp(picture: NDArray[np.uint8], shape: NDArray[np.bool_], cell: Cell | tu
 
 
 def _offsets(size: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far down and right of the middle of a stamp a pixel is, in cells."""
+    """Return how far each pixel of a stamp is below and right of its centre, in cells."""
     at = (np.arange(2 * size) - size + 0.5) / size
     return at[:, None], at[None, :]
 
@@ -115,7 +115,7 @@ def _disc(size: int, radius: float) -> NDArray[np.bool_]:
 
 @lru_cache(maxsize=64)
 def _pie(size: int, twelfths: int) -> NDArray[np.bool_]:
-    """Return the part of all around the middle that begins at the top and goes clockwise."""
+    """Return a sector around the centre of so many twelfths of a circle, clockwise from the top."""
     down, right = _offsets(size)
     return np.arctan2(-right, down) + np.pi < twelfths * np.pi / 6
 

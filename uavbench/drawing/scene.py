@@ -1,4 +1,4 @@
-"""What a picture of an episode shows, whoever draws it: coloured cells and marks on them. After the paper's Table II."""
+"""What every picture of an episode shows: coloured cells, and marks on them, in the style of the paper's Table II."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,11 +18,11 @@ _CITY: dict[str, Colour] = {FREE: (255, 255, 255), LANDING: (150, 178, 228), NO_
 REMAINING: Colour = (66, 168, 84)
 COVERED: Colour = (205, 232, 208)
 PATH: Colour = (40, 40, 40)
-SHADOW = 0.75  # how bright a cell is that sees no device
+SHADOW = 0.75  # brightness of a cell without line of sight to any device
 CRASH: Colour = (200, 16, 16)
-#: Of UAVs, in turn: darker than those of devices.
+#: The colours of UAVs, used in turn; darker than those of devices.
 UAVS: tuple[Colour, ...] = ((16, 40, 128), (136, 16, 56), (8, 92, 48), (92, 72, 8))
-#: Of devices, in turn.
+#: The colours of devices, used in turn.
 DEVICES: tuple[Colour, ...] = (
     *((217, 119, 6), (37, 99, 235), (147, 51, 234), (13, 148, 136), (220, 38, 38)),
     *((101, 163, 13), (219, 39, 119), (8, 145, 178), (161, 98, 7), (79, 70, 229)),
@@ -31,7 +31,7 @@ DEVICES: tuple[Colour, ...] = (
 
 @dataclass(frozen=True)
 class Device:
-    """A device: where, which colour, and the share of its data that is left."""
+    """A device: its cell, its colour, and the share of its data that is left."""
 
     cell: Cell
     colour: Colour
@@ -40,27 +40,27 @@ class Device:
 
 @dataclass(frozen=True)
 class Scene:
-    """A picture, not yet drawn.
+    """The content of a picture, before it is drawn.
 
     Attributes
     ----------
     cells : ndarray of uint8, shape (M, N, 3)
         The colour of each cell.
     moves : list of (cell, cell, colour)
-        Moves flown, an arrow each.
+        The moves that were flown, each drawn as an arrow.
     hovers : list of (cell, colour)
-        Where a step was spent in place, a cross each.
+        Where a UAV stayed in its cell for a step, each drawn as a cross.
     starts, ends : list of (cell, colour)
-        Where UAVs began, hollow diamonds, and where those are that landed, full ones.
+        Where UAVs started, drawn as hollow diamonds, and where they landed, drawn as filled diamonds.
     crashes : list of cell
-        Where those are that crashed: red diamonds with a cross.
+        Where UAVs crashed, drawn as red marks.
     uavs : list of (cell, colour)
-        Where those are that fly.
+        Where UAVs are that still fly.
     devices : list of Device
     title : str
-        Movements, and CR.
+        The used movement budget, CR, and whether a UAV crashed.
     scenario : Scenario
-        What is flown in.
+        The scenario of the episode.
     """
 
     cells: NDArray[np.uint8]
@@ -84,7 +84,7 @@ def city_colours(rows: tuple[str, ...]) -> NDArray[np.uint8]:
 
 
 def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
-    """Return what there is to see of the episode in slot ``i`` after a flight along ``trail``."""
+    """Return the scene of the episode in slot ``i`` after a flight along ``trail``."""
     state, devices = simulator.state, _devices(simulator, i, trail)
     moves: list[tuple[Cell, Cell, Colour]] = []
     hovers: list[tuple[Cell, Colour]] = []
@@ -101,7 +101,7 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
             colour = DEVICES[served[t] % len(DEVICES)] if served and served[t] >= 0 else plain
             if here != there:
                 moves.append((here, there, colour))
-            elif t < len(cells) - 2 or not state.done[i, u]:  # the last action lands, or ends the budget
+            elif t < len(cells) - 2 or not state.done[i, u]:  # the last action has landed, or has used up the budget
                 hovers.append((here, colour))
         if not state.done[i, u]:
             uavs.append((cells[-1], own))
@@ -129,7 +129,7 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
 
 
 def _cells(simulator: Simulator, i: int, trail: Trail, targets: bool) -> NDArray[np.uint8]:
-    """Return the map with its shade; with ``targets`` also what is left of them, and what is not: zones shine through."""
+    """Return the map with its shade; with ``targets`` also remaining and covered target cells, through which the map shows."""
     colours = city_colours(simulator.scenario.rows).astype(np.float32)
     if trail.shade is not None:
         colours *= (1 - (1 - SHADOW) * trail.shade)[:, :, None]
@@ -141,16 +141,16 @@ def _cells(simulator: Simulator, i: int, trail: Trail, targets: bool) -> NDArray
 
 
 def blend(under: ArrayLike, colour: Colour) -> NDArray[np.float32]:
-    """Return colours as they shine through another."""
+    """Return colours blended with 70 % of ``colour``."""
     return (0.3 * np.asarray(under, dtype=np.float32) + 0.7 * np.array(colour, dtype=np.float32)).astype(np.float32)
 
 
 def _devices(simulator: Simulator, i: int, trail: Trail) -> list[Device]:
-    """Return the mission's marks, with what they have left of what they had."""
+    """Return the mission's marks, each with the share of its amount that is left."""
     where, amounts = simulator.mission.marks(i)
     cells: Sequence[list[int]] = where.tolist()
     left: Sequence[float] = amounts.tolist()
     return [
-        Device((r, c), DEVICES[d % len(DEVICES)], min(1.0, data / float(trail.target[r, c])))  # of which the map is rounded
+        Device((r, c), DEVICES[d % len(DEVICES)], min(1.0, data / float(trail.target[r, c])))  # the map is rounded to float32
         for d, ((r, c), data) in enumerate(zip(cells, left, strict=True))
     ]

@@ -1,4 +1,4 @@
-"""What a flight leaves behind, for pictures: the cells of each UAV, what was there at first, and what was served."""
+"""The record of a flight that pictures need: the cells of each UAV, the first target map, and which marks were served."""
 
 import copy
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ Cell = tuple[int, int]
 
 
 class Trail:
-    """The way of the episode that has just begun in a slot; `extend` after every step.
+    """The trail of an episode that has just begun in a slot. Call `extend` after every step.
 
     Parameters
     ----------
@@ -24,20 +24,20 @@ class Trail:
     Attributes
     ----------
     cells : list of list of (int, int)
-        Where each UAV was: at the start, and after each of its steps.
+        For each UAV, its cells at the start and after each of its steps.
     served : list of int
-        The mark (DH: the device) that lost most of its amount in each step of a team; −1 for none.
+        For each step, in which all flying UAVs act, the mark (DH: the device) whose amount fell most; −1 if none fell.
     target : ndarray of float32, shape (M, N)
         The target map at the start.
     shade : ndarray of float32, shape (M, N), optional
-        How dark each cell is: see `uavbench.simulation.missions.Mission.shade`.
+        How dark pictures draw each cell: see `uavbench.simulation.missions.Mission.shade`.
     """
 
     def __init__(self, simulator: Simulator, i: int) -> None:
         state, mission = simulator.state, simulator.mission
         self._simulator, self._slot = simulator, i
         self.cells: list[list[Cell]] = [[(r, c)] for r, c in state.position[i, : state.uavs[i]].tolist()]
-        self._spent: list[int] = self._used()  # before the trail began
+        self._spent: list[int] = self._used()  # actions before the trail began
         self.target: NDArray[np.float32] = state.target[i].copy()
         self.served: list[int] = []
         self._amounts = mission.marks(i)[1].copy()
@@ -58,11 +58,11 @@ class Trail:
             self._amounts = now.copy()
 
     def get_state(self) -> dict[str, Any]:
-        """Return what the trail holds, as values that nothing else refers to."""
+        """Return a copy of everything that the trail holds."""
         return copy.deepcopy({name: value for name, value in vars(self).items() if name not in ("_simulator", "_slot")})
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from what `get_state` of a trail of the same scenario returned."""
+        """Restore what `get_state` returned for a trail of the same scenario."""
         vars(self).update(copy.deepcopy(dict(state)))
 
     def _used(self) -> list[int]:

@@ -1,4 +1,4 @@
-"""A window that shows frames and hears keys. Needs pygame-ce: ``pip install "uavbench[human]"``."""
+"""A window that shows frames and reads keys. Needs pygame-ce: ``pip install "uavbench[human]"``."""
 
 import importlib
 import os
@@ -9,21 +9,21 @@ from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError
 
-_PATIENCE = 100  # milliseconds
-_REPEAT = (300, 80)  # milliseconds until a key that is held down is heard again, and from then on
+_PATIENCE = 100  # milliseconds to wait for an event
+_REPEAT = (300, 80)  # milliseconds until a key that is held down repeats, and between further repeats
 
 
 class WindowError(UavbenchError, RuntimeError):
-    """A window that cannot be opened; the message says what is missing."""
+    """Raised when a window cannot be opened; the message says why."""
 
 
 class Window:
-    """A window, opened at its first picture.
+    """A window, which opens with its first picture.
 
     Attributes
     ----------
     closed : bool
-        The user has closed it: nothing is shown any more.
+        Whether the user has closed the window; then nothing more is shown.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class Window:
         self.closed = False
 
     def show(self, picture: NDArray[np.uint8], title: str, fps: float | None = None) -> None:
-        """Show a picture, uint8 (rows, columns, 3), no more than ``fps`` of them a second.
+        """Show a picture, uint8 (rows, columns, 3); with ``fps``, wait so that no more than that many are shown per second.
 
         Raises
         ------
@@ -70,7 +70,7 @@ class Window:
         pygame = self._pygame
         try:
             pygame.display.init()
-            # without a display SDL falls back to one that nobody sees, and would wait for keys for ever
+            # without a display, SDL falls back to an invisible one, and the program would wait for keys for ever
             if pygame.display.get_driver() == "offscreen" and os.environ.get("SDL_VIDEODRIVER") != "offscreen":
                 pygame.display.quit()
                 raise WindowError("there is no display to open a window on")
@@ -84,7 +84,7 @@ class Window:
         """Wait for a key and return its name; None when the window was closed."""
         pygame = self._pygame
         while not self.closed:
-            event = pygame.event.wait(_PATIENCE)  # then Python hears a Ctrl-C
+            event = pygame.event.wait(_PATIENCE)  # not for ever, so that Python can handle Ctrl-C
             if event.type == pygame.QUIT:
                 self.closed = True
             if event.type == pygame.KEYDOWN:

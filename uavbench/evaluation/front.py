@@ -1,6 +1,5 @@
 """The evaluation that a program asks for in one call: an agent, as an object or by its name, on a scenario."""
 
-import os
 import shutil
 import tempfile
 import weakref
@@ -128,7 +127,7 @@ def evaluate(
 
 def _source(agent: Any, weights: str | Path | None, name: str | None) -> AgentSource:
     """Return where an agent comes from."""
-    if isinstance(agent, str | os.PathLike):
+    if isinstance(agent, str | Path):
         return find_agent(str(agent), None if weights is None else Path(weights), name)
     return agent if isinstance(agent, AgentSource) else ObjectSource.of(agent, name)
 

@@ -1,1 +1,1 @@
-"""Submissions → leaderboard: what is handed in, checked, ranked, and shown."""
+"""From submissions to the leaderboard: submissions are written, checked, ranked and shown."""

@@ -1,4 +1,4 @@
-"""The leaderboard from a folder of submissions: everything is replayed, what is refused is named, the rest is built."""
+"""Builds the leaderboard from a folder of submissions: replays all, names those that it refuses, and ranks the others."""
 
 import contextlib
 import multiprocessing
@@ -20,15 +20,15 @@ from uavbench.leaderboard.submission import MANIFEST, Submission, SubmissionErro
 from uavbench.leaderboard.table import table_text
 from uavbench.world.files import finish_moves, write_together
 
-_LONGEST = 300  # characters of a line about what is refused
+_LONGEST = 300  # characters of a line that says why a submission is refused
 
-#: A submission that holds, with what came out when it was flown again.
+#: A valid submission, with the records of its replay.
 Held = tuple[Submission, list[EpisodeRecord]]
 
 
 @dataclass(frozen=True)
 class Board:
-    """What came out: the rows, what was refused, and what flies as another does; a line each."""
+    """A built leaderboard: its rows, and a line for each refused submission and for each that takes the actions of another."""
 
     rows: list[Row]
     refused: list[str]
@@ -36,14 +36,16 @@ class Board:
 
 
 def submission_folders(folder: Path) -> list[Path]:
-    """Return the submissions in a folder: itself, or those that are one or two levels down, and whatever else is there.
+    """Return the submissions in a folder: the folder itself, or what is one or two levels below it.
+
+    Anything there that is not a submission is returned too, so that it is refused by name.
 
     Raises
     ------
     SubmissionError
         When there is none.
     """
-    root = folder.resolve()  # what is in it is not resolved: a link is found out as one
+    root = folder.resolve()  # but nothing inside it is resolved, so that links are noticed and refused
     if _is_one(root):
         return [root]
     found: list[Path] = []
@@ -55,7 +57,7 @@ def submission_folders(folder: Path) -> list[Path]:
 
 
 def _inner(outer: Path) -> list[Path]:
-    """Return what an agent's folder holds; nothing of what is none or cannot be read, which is refused as a submission then."""
+    """Return what is in an agent's folder; nothing if it is none or cannot be read: then it counts as a submission."""
     closed = outer.name.startswith(".") or outer.is_symlink() or not outer.is_dir() or _is_one(outer)
     if not closed:
         finish_moves(outer)
@@ -65,7 +67,7 @@ def _inner(outer: Path) -> list[Path]:
 
 
 def _is_one(folder: Path) -> bool:
-    """Say whether a folder is a submission rather than holds some."""
+    """Say whether a folder is itself a submission, rather than a folder of submissions."""
     with contextlib.suppress(OSError):
         return (folder / MANIFEST).is_file() and not any(path.is_dir() for path in folder.iterdir())
     return False
@@ -76,7 +78,7 @@ def verify(
     workers: int = 1,
     on_checked: Callable[[Path], None] = lambda folder: None,
 ) -> tuple[list[Held], list[str]]:
-    """Read and replay submissions; return those that hold, and why the others are refused, a line each."""
+    """Read and replay submissions; return the valid ones, and for each of the others a line that says why it is refused."""
     held: list[Held] = []
     refused: list[str] = []
     for folder, found in zip(folders, _looks(folders, workers), strict=True):
@@ -89,9 +91,9 @@ def verify(
 
 
 def _looks(folders: Sequence[Path], workers: int) -> Generator[Held | str]:
-    """Look at submissions in several processes, in their order. One that kills its process is refused, and no other.
+    """Check submissions in several processes, and yield in their order. Only a submission that kills its process is refused.
 
-    When a process dies, nobody knows of which submission: so the first that is open is looked at in a process of its own.
+    When a process dies, it is unknown which submission killed it. So the next one is checked in a process of its own.
     """
     look: Any = cast("Any", joblib).delayed(_look)
     done = 0
@@ -107,7 +109,7 @@ def _looks(folders: Sequence[Path], workers: int) -> Generator[Held | str]:
 
 
 def _look_alone(folder: Path) -> Held | str:
-    """Look at a submission in a process of its own."""
+    """Check a submission in a process of its own."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         try:
             return pool.submit(_look, folder).result()
@@ -118,18 +120,19 @@ def _look_alone(folder: Path) -> Held | str:
 def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None] = lambda folder: None) -> Board:
     """Replay all submissions, then write ``leaderboard.csv``, ``index.html`` and ``owners.toml`` beside their folder.
 
-    When all are refused the board has no rows, and what was there stays.
+    When all are refused, the board has no rows and no file changes.
 
     Raises
     ------
     SubmissionError
-        When there are no submissions, only one agent's folder is given, or the files cannot be written: what was there stays.
+        When there are no submissions, only one agent's folder is given, ``owners.toml`` or ``reruns.csv`` is damaged, or the
+        files cannot be written. No file changes then.
     ResultError
-        When what is known of a scenario's episodes is damaged.
+        When a scenario's table of upper bounds and best known scores is damaged.
     """
     folder, inner = submissions.resolve().parent, [path for path in submissions.glob("*") if path.is_dir()]
     if submissions.is_dir() and (_is_one(submissions) or (inner and all(_is_one(path) for path in inner))):
-        raise SubmissionError(f"{submissions}: one agent's submissions: give the folder of all, in which it is")
+        raise SubmissionError(f"{submissions}: the submissions of one agent: give the folder of all submissions")
     finish_moves(folder)
     found, refused = verify(submission_folders(submissions), workers, on_checked)
     owners = with_new_names(load_owners(folder / OWNERS), [submission for submission, _ in found])
@@ -148,7 +151,7 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
 
 
 def _owned(held: Sequence[Held], owners: Owners) -> tuple[list[Held], list[str]]:
-    """Return the submissions whose name is their authors', and a line for each of the others."""
+    """Return the submissions whose authors own the name, and a line that says why for each of the others."""
     kept: list[Held] = []
     refused: list[str] = []
     for submission, flown in held:
@@ -161,9 +164,9 @@ def _owned(held: Sequence[Held], owners: Owners) -> tuple[list[Held], list[str]]
 
 
 def _alike(held: Sequence[Held], names: Sequence[str]) -> list[str]:
-    """Return a line for each submission that took the same actions as another on all episodes: as one of an older name.
+    """Return a line for each submission that took the same actions as another, of an older name, on all episodes.
 
-    ``names`` are those of all folders, the oldest first.
+    ``names`` are the folders of all names, the oldest name first.
     """
     first: dict[tuple[str, bytes], str] = {}
     found: list[str] = []
@@ -176,17 +179,17 @@ def _alike(held: Sequence[Held], names: Sequence[str]) -> list[str]:
 
 
 def _look(folder: Path) -> Held | str:
-    """Return a submission that holds, or why it does not."""
+    """Return a submission with the records of its replay, or a line that says why it is refused."""
     try:
         submission = load_submission(folder)
         return submission, check(submission)
     except SubmissionError as error:
         return _line(str(error))
-    except Exception as error:  # whatever one submission breaks, the others are built
+    except Exception as error:  # one broken submission must not stop the others
         return _line(f"{folder.parent.name}/{folder.name}: cannot be read: {type(error).__name__}: {error}")
 
 
 def _line(text: str) -> str:
-    """Return text as a line that a terminal shows as it is, whoever wrote parts of it."""
+    """Return text as one short line without control characters: parts of it may come from anybody."""
     seen = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
     return seen if len(seen) <= _LONGEST else f"{seen[:_LONGEST]}…"

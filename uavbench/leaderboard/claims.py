@@ -1,4 +1,4 @@
-"""What is known of a submission besides its score, and what is only claimed (design: a replay proves actions and score)."""
+"""What is known about a submission besides its score, and what is only claimed: a replay proves only actions and score."""
 
 import ast
 import hashlib
@@ -14,8 +14,8 @@ from uavbench.world.scenario import Scenario
 def is_built_in(submission: Submission) -> bool:
     """Say whether a submission is of an agent that comes with uavbench, as far as its manifest can show it.
 
-    The name, the agent, its digest on this scenario and its track must be those of the shipped file. All of them can be copied:
-    what keeps a stranger from it is that the name has an owner (`uavbench.leaderboard.owners`).
+    The name, the agent, its digest on this scenario and its track must be those of the shipped file. Anybody can copy all of
+    them, but only the owner of the name can submit under it (`uavbench.leaderboard.owners`).
     """
     manifest = submission.manifest
     said, path = manifest.result, resources.baseline_paths().get(manifest.name)
@@ -25,7 +25,7 @@ def is_built_in(submission: Submission) -> bool:
 
 
 def _digests(manifest: Manifest, scenario: Scenario) -> set[str]:
-    """Return the digests that the shipped agent has on a scenario: today's, that of file and weights, and earlier ones."""
+    """Return the digests that count as the shipped agent's: the current one, that of file and weights, earlier ones."""
     source = find_agent(manifest.name)
     weights = resources.shipped_weights(manifest.name).get(scenario.id)
     plain = hashlib.sha256(source.path.read_bytes()).hexdigest()
@@ -36,7 +36,7 @@ def _digests(manifest: Manifest, scenario: Scenario) -> set[str]:
 
 @lru_cache
 def _track(path: Path) -> str:
-    """Return the track of a shipped agent, without importing what it needs: the board must not depend on what is installed."""
+    """Return a shipped agent's track without importing its file, so that the board does not depend on installed packages."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         match node:
             case ast.Assign(targets=[ast.Name(id="track")], value=ast.Constant(value=str(track))):

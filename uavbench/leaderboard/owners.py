@@ -1,7 +1,7 @@
-"""Whose a name is: ``owners.toml`` beside ``submissions/``, in which each build writes down the names that are new.
+"""Who owns a name: ``owners.toml`` beside ``submissions/``, to which each build adds the owners of new names.
 
-Times of files say nothing about who was first, and a folder holds what anybody put there. So the first build with a name keeps
-its owner, and from then on only who keeps the board can change that, by editing the file.
+File times do not prove who was first, and anybody can add files to a folder. So the first build that finds a name records its
+owner. From then on only the board's maintainer can change the owner, by editing the file.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,12 +15,12 @@ from uavbench.world.files import FileError, read_toml
 
 FILE = "owners.toml"
 
-#: What the manifests of a name say of its owner (`Manifest.hand`), by the name's folder, the oldest first.
+#: For the folder of each name, what its manifests say about the owner (`Manifest.hand`); the oldest name first.
 Owners = dict[str, dict[str, Any]]
 
 
 def load_owners(path: Path) -> Owners:
-    """Read whose the names are; nothing when there is no file.
+    """Read the owners of the names; empty when there is no file.
 
     Raises
     ------
@@ -35,19 +35,19 @@ def load_owners(path: Path) -> Owners:
             if owner.keys() != {"name", "authors", "link", "track"}:
                 raise ValueError(f"{folder}: expected name, authors, link and track")
     except (FileError, ValueError, AttributeError) as error:
-        raise SubmissionError(f"{path}: damaged ({error}): take the file as it was before") from None
+        raise SubmissionError(f"{path}: damaged ({error}): restore an earlier version of the file") from None
     return owners
 
 
 def owners_text(owners: Owners) -> str:
-    """Return the file's text."""
+    """Return the text of ``owners.toml``."""
     return tomli_w.dumps(owners)
 
 
 def with_new_names(owners: Owners, submissions: Sequence[Submission]) -> Owners:
-    """Return the owners of all names: a name that nobody owned goes to whoever has most of its folders.
+    """Return the owners of all names. A name without an owner goes to those who submitted most of its folders.
 
-    Where two have as many, nobody can tell who was first, and the name goes to neither.
+    If two submitted equally many, it is unknown who was first, and the name goes to neither.
     """
     claims: dict[str, list[dict[str, Any]]] = {}
     for submission in submissions:
@@ -62,13 +62,13 @@ def with_new_names(owners: Owners, submissions: Sequence[Submission]) -> Owners:
 
 
 def why_not_its_own(manifest: Manifest, folder: str, owners: Mapping[str, Mapping[str, Any]]) -> str | None:
-    """Return why a submission may not stand under its name; None where it may."""
+    """Return why a submission may not use its name; None if it may."""
     if folder not in owners:
-        return f"{MANIFEST}: authors: others hand in as much under this name: write in {FILE} whose it is"
+        return f"{MANIFEST}: authors: others submitted equally many folders under this name: write its owner in {FILE}"
     for field, value in manifest.hand.items():
         if value != owners[folder][field]:
             return (
-                f"{MANIFEST}: {field}: another than {FILE} says of this name: choose another name, or, if it is yours, have "
-                f"whoever keeps the board change {FILE}"
+                f"{MANIFEST}: {field}: not what {FILE} says of this name: choose another name, or, if it is yours, ask "
+                f"the board's maintainer to change {FILE}"
             )
     return None

@@ -1,4 +1,4 @@
-"""``index.html``: one file with the table, the episodes and the flights in it, and no outside requests."""
+"""``index.html``: one file that holds the table, the episodes and the flights, and makes no requests to other places."""
 
 import base64
 import json
@@ -20,12 +20,12 @@ from uavbench.world.episode import frozen_columns
 from uavbench.world.keyed import QUANTILE
 from uavbench.world.scenario import Scenario
 
-_ELSEWHERE = (1000, 500, 200, 100)  # flights to watch on scenarios other than the paper's: the most that the page has room for
-_ROOM = 10_000_000  # actions; they take a quarter of a byte each, and the page is to stay under 3 MB
+_ELSEWHERE = (1000, 500, 200, 100)  # flights shown on scenarios other than the paper's: the first number that fits
+_ROOM = 10_000_000  # actions, of a quarter of a byte each: so the page stays under 3 MB
 
 
 def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
-    """Return the page."""
+    """Return the text of the page."""
     watched = [entry for entry in entries if frozen_columns(entry.submission.scenario, "test") is not None]
     scenarios = {entry.submission.scenario.id: entry.submission.scenario for entry in watched}
     folders = {entry.submission.manifest.name: entry.submission.manifest.folder for entry in watched}
@@ -60,7 +60,7 @@ def _asset(name: str) -> str:
 
 
 def _row(row: Row, folder: str | None) -> dict[str, Any]:
-    """Return a row as JSON, in per cent, with the folder of its flights."""
+    """Return a row for JSON, in per cent, with the folder of its flights."""
     percent = {name: _percent(getattr(row, name)) for name in ("landed", "cr", "cral")}
     single = {name: _scaled(getattr(row, name)) for name in ("iqm", "gap_to_best", "gap_to_bound")}
     plain = asdict(replace(row, landed=None, cr=None, cral=None))  # pyright: ignore[reportArgumentType]
@@ -77,7 +77,7 @@ def _scaled(value: float | None) -> float | None:
 
 
 def _scenario(scenario: Scenario, elsewhere: int, columns: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return what it takes to fly a scenario's test episodes. Columns go to ``columns``, where scenarios share alike ones."""
+    """Return what is needed to fly a scenario's test episodes. Its columns are added to ``columns``, equal ones only once."""
     frozen = frozen_columns(scenario, "test")
     assert frozen is not None
     count = _shown(scenario, elsewhere)
@@ -100,7 +100,7 @@ def _scenario(scenario: Scenario, elsewhere: int, columns: list[dict[str, Any]])
 
 
 def _flights(entry: Entry, elsewhere: int) -> dict[str, Any]:
-    """Return the actions of an entry's episodes, and which of them has the lowest, the median and the highest CRAL."""
+    """Return the actions of an entry's episodes, and which episodes have the lowest, the median and the highest CRAL."""
     count = _shown(entry.submission.scenario, elsewhere)
     actions = [record.actions for record in entry.flown[:count]]
     order = np.argsort(np.round(entry.values("cral")[:count] / ROUNDING), kind="stable")
@@ -112,18 +112,18 @@ def _flights(entry: Entry, elsewhere: int) -> dict[str, Any]:
 
 
 def _actions(entries: Sequence[Entry], elsewhere: int) -> int:
-    """Return how many actions there are to watch."""
+    """Return how many actions the shown flights have."""
     shown = (record for entry in entries for record in entry.flown[: _shown(entry.submission.scenario, elsewhere)])
     return sum(record.actions.size for record in shown)
 
 
 def _shown(scenario: Scenario, elsewhere: int) -> int:
-    """Return how many flights of a scenario can be watched: all of the paper's, the first ones of others."""
+    """Return how many flights of a scenario are shown: all on the paper's scenarios, the first ``elsewhere`` on others."""
     episodes = scenario.splits.test.episodes
     return episodes if scenario.id in PAPER_SCENARIOS else min(episodes, elsewhere)
 
 
 def _packed(array: NDArray[Any]) -> dict[str, Any]:
-    """Return an array as JSON: its bytes, deflated, in base64."""
+    """Return an array for JSON: its bytes, compressed by zlib, in base64."""
     content = base64.b64encode(zlib.compress(np.ascontiguousarray(array).tobytes(), 9)).decode()
     return {"dtype": str(array.dtype), "shape": array.shape, "data": content}

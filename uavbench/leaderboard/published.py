@@ -1,8 +1,8 @@
-"""The paper's Table III: published figures, which nobody can replay."""
+"""The paper's Table III: published figures, which cannot be replayed."""
 
 from dataclasses import dataclass
 
-#: The scenarios that the overall score is the mean of.
+#: The overall score is the mean over these scenarios.
 PAPER_SCENARIOS = ("Manhattan32-CPP-v0", "Manhattan32-DH-v0", "Urban50-CPP-v0", "Urban50-DH-v0")
 
 NAME = "DDQN (paper)"
@@ -12,7 +12,7 @@ LINK = "https://arxiv.org/abs/2010.06917"
 
 @dataclass(frozen=True)
 class Published:
-    """Means over 1,000 episodes of the paper's own, as fractions."""
+    """Means over the paper's own 1,000 episodes, as fractions."""
 
     landed: float
     cr: float

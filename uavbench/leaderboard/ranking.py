@@ -1,4 +1,4 @@
-"""Who is how good: the rows of the leaderboard, from submissions that have been replayed."""
+"""The ranking: computes the rows of the leaderboard from replayed submissions."""
 
 import itertools
 from collections.abc import Callable, Iterable, Sequence
@@ -30,9 +30,9 @@ from uavbench.leaderboard.submission import Submission
 if TYPE_CHECKING:
     import pandas as pd
 
-#: What stands for all four of the paper's scenarios together.
+#: Stands in place of a scenario's id for the paper's four scenarios together.
 OVERALL = "overall"
-#: How much is known of a score: read in a paper, replayed, or flown again by the agent itself.
+#: How a score is known: it was taken from a paper, it was replayed, or the agent itself flew it again.
 TIERS = ("published", "replayed", "rerun")
 
 
@@ -49,34 +49,35 @@ class Row:
     track_known_by : str
         How that is known: "built-in" (an agent that comes with uavbench), "rerun", "published", or "claim": nobody knows.
     rank : int, optional
-        In its scenario and track; agents whose difference is not significant share one. None for published figures, and where
-        ``note`` says why.
+        The rank in its scenario and track. Agents whose difference is not significant share one. None for published figures,
+        and where ``note`` says why.
     name, authors, link, training : str
-        What the submission says of itself.
+        What the submission says about itself.
     tier : str
         One of `TIERS`.
     rerun_episodes : int
-        On how many episodes the agent itself took the same actions again.
+        The number of episodes on which the agent itself took the same actions again.
     fresh_episodes : int
-        How many episodes it has flown besides that nobody had published.
+        The number of fresh episodes, which nobody had published, that the agent flew in addition.
     fresh_difference : Interval, optional
-        Mean CRAL on these − mean CRAL on the submitted ones, with its 99 % interval; None where there are none, and overall.
+        Mean CRAL on fresh episodes − mean CRAL on the submitted ones, with its 99 % confidence interval. None without fresh
+        episodes, and overall.
     note : str
-        Why it has no rank; nothing where it has one.
+        Why the agent has no rank; empty if it has one, and for published figures.
     episodes : int
-        How many it is the mean of.
+        The number of episodes that the scores are means of.
     landed, cr, cral : Interval
-        Published figures have no interval: NaN.
+        With 95 % confidence intervals, which are NaN for published figures.
     iqm : float, optional
-        Interquartile mean of CRAL.
+        The interquartile mean of CRAL.
     steps : float, optional
-        Mean of the actions that an episode took.
+        The mean number of actions in an episode.
     decisions_per_second : float, optional
-        As claimed: nobody can replay a time.
+        As the submission claims: a replay cannot reproduce times.
     gap_to_best, gap_to_bound : float, optional
-        Mean of what CRAL falls short of the best known flight, and of the upper bound, over the episodes that have one.
+        How far CRAL is below the best known score, and below the upper bound: means over the episodes for which that is known.
     compared, bounded : int
-        How many have one.
+        The numbers of these episodes.
     """
 
     scenario: str
@@ -107,9 +108,9 @@ class Row:
 
 @dataclass(frozen=True)
 class Entry:
-    """A submission, what came out when it was replayed, and how much of it the agent has flown again.
+    """A submission, the records of its replay, and its rerun by the agent itself, if there is one.
 
-    All numbers are of the replay: none is read from the submission.
+    All scores are those of the replay: none is read from the submission.
     """
 
     submission: Submission
@@ -127,7 +128,7 @@ class Entry:
 
     @cached_property
     def confirmed(self) -> Rerun | None:
-        """The rerun of these very actions, by the agent and on the track that the manifest says; None where there is none."""
+        """The rerun, if its actions, agent and track are those of this submission; else None."""
         found, manifest = self.rerun, self.submission.manifest
         same = found and (found.track, found.agent_sha256, found.actions_sha256) == (
             manifest.result.track,
@@ -138,12 +139,12 @@ class Entry:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the agent has another score on episodes that nobody had published."""
+        """Whether the agent's score on fresh episodes does not agree with the submitted one."""
         return self.confirmed is not None and not self.confirmed.agrees
 
     @property
     def rerun_episodes(self) -> int:
-        """On how many episodes these very actions were taken again."""
+        """The number of episodes on which the agent took these actions again."""
         return self.confirmed.episodes if self.confirmed else 0
 
     @cached_property
@@ -155,7 +156,7 @@ class Entry:
 
 
 def rank(entries: Iterable[Entry]) -> list[Row]:
-    """Return the rows of all scenarios and the overall ones, best first, published figures among them."""
+    """Return all rows, the overall ones first: for each scenario and track the best agent first, then the published figures."""
     found = sorted(entries, key=lambda entry: entry.submission.label)
     rows: list[Row] = []
     for scenario in (OVERALL, *PAPER_SCENARIOS, *sorted({e.submission.scenario.id for e in found} - set(PAPER_SCENARIOS))):
@@ -172,7 +173,7 @@ def rank(entries: Iterable[Entry]) -> list[Row]:
 
 
 def _complete(entries: Sequence[Entry], scenarios: Sequence[str], track: str) -> list[list[Entry]]:
-    """Return the entries of each agent of a track that has all the scenarios, in their order."""
+    """Return, for each agent of a track that has an entry on every scenario, its entries in the order of the scenarios."""
     agents: dict[str, dict[str, Entry]] = {}
     for entry in entries:
         if entry.submission.manifest.result.track == track:
@@ -181,10 +182,10 @@ def _complete(entries: Sequence[Entry], scenarios: Sequence[str], track: str) ->
 
 
 def _together(group: Sequence[Entry], column: str) -> NDArray[np.float64]:
-    """Return an agent's mean over its scenarios, by number of episode.
+    """Return an agent's means over its scenarios, one for each episode number.
 
-    Episodes of one number are drawn from one key: where the budget is long on one map, it is on all. They are not independent,
-    and count as one.
+    Episodes with the same number are drawn from the same key: where the budget is long on one map, it is long on all. So they
+    are not independent, and count as one episode.
     """
     return np.mean([entry.values(column) for entry in group], axis=0)
 
@@ -192,8 +193,8 @@ def _together(group: Sequence[Entry], column: str) -> NDArray[np.float64]:
 def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
     """Return the ranks of agents in the order of their means.
 
-    A new rank begins where everyone above is significantly better than everyone below (paired, Holm-corrected over all pairs):
-    so any two whose difference is not significant share one.
+    A new rank begins where every agent above is significantly better than every agent below (paired, Holm-corrected over all
+    pairs). So any two agents whose difference is not significant share a rank.
     """
     pairs = list(itertools.combinations(range(len(ordered)), 2))
     cral = [_together(group, "cral") for group in ordered]
@@ -206,7 +207,7 @@ def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
 
 
 def _why_unranked(group: Sequence[Entry]) -> str:
-    """Return why an agent has no rank; nothing where it may have one."""
+    """Return why an agent has no rank; an empty text if it may have one."""
     for entry in group:
         if entry.confirmed and entry.contradicted:
             return f"not ranked: {entry.submission.scenario.id}: {fresh_text(entry.confirmed)}"
@@ -217,7 +218,7 @@ def _why_unranked(group: Sequence[Entry]) -> str:
 
 
 def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
-    """Return the row of an agent: the mean over its scenarios."""
+    """Return the row of an agent: its means over its scenarios."""
     first = group[0].submission.manifest
     known_by = {entry.track_known_by for entry in group}
     reruns = [entry.confirmed for entry in group if entry.confirmed]
@@ -253,7 +254,7 @@ def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
 
 
 def _training(group: Sequence[Entry]) -> str:
-    """Return what is said of an agent's training, and of which scenarios where it is not the same of all."""
+    """Return what the manifests say about an agent's training; if that differs between scenarios, with their ids."""
     said: dict[str, list[str]] = {}
     for entry in group:
         said.setdefault(entry.submission.manifest.training, []).append(entry.submission.scenario.id)
@@ -297,11 +298,11 @@ def _published(scenario: str, parts: Sequence[str]) -> Row:
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
-    """Return the mean, if all are known."""
+    """Return the mean of the values, or None if one of them is None."""
     known = [value for value in values if value is not None]
     return float(np.mean(known)) if len(known) == len(values) else None
 
 
 def _harmonic(speeds: Sequence[float]) -> float:
-    """Return the mean speed over as many decisions of each."""
+    """Return the harmonic mean: the mean speed when each scenario has the same number of decisions."""
     return len(speeds) / sum(1 / max(speed, 1e-9) for speed in speeds)

@@ -1,11 +1,12 @@
-"""Which submissions were flown again by their agent: ``reruns.csv`` beside ``submissions/``, kept by who keeps the board.
+"""Which submissions their agents have flown again: ``reruns.csv`` beside ``submissions/``, written by the board's maintainer.
 
-Replaying proves a score, not who made the actions. When the agent itself is executed again and takes the same actions, that is
-written down here, with the digests of both, so that another file of actions is not taken for the one that was compared.
+A replay proves a score, but not which agent took the actions. When the agent itself is run again and takes the same actions,
+``reruns.csv`` records that, with the digests of the agent and of the actions, so that it counts for these alone.
 
-An agent can take the same actions because it plays them back: the test episodes are public, and so are the flights. So it also
-flies episodes that nobody has published, drawn from a key that whoever reruns it chooses; the score there must be the same, as
-far as chance allows. An agent on the observation track does all that in a process of its own (`uavbench.agents.apart`).
+An agent could take the same actions by playing them back: the test episodes and the flights are public. So it also flies fresh
+episodes, which nobody has published, drawn from a key that the maintainer chooses. The score on them must agree with the
+submitted one, as far as chance allows. An agent on the observation track runs in a process of its own
+(`uavbench.agents.apart`).
 """
 
 import csv
@@ -30,12 +31,12 @@ from uavbench.world.files import TABLE_BYTES, FileError, check_writable, read_bo
 
 @dataclass(frozen=True)
 class Rerun:
-    """An agent that took the same actions again.
+    """A rerun: the agent was run again and took the same actions.
 
     Attributes
     ----------
     submission : str
-        Its folder, <name>/<scenario>.
+        The folder of the submission, <name>/<scenario>.
     track : str
         What the agent saw.
     agent_sha256, actions_sha256 : str
@@ -43,13 +44,13 @@ class Rerun:
     episodes : int
         How many episodes, from 0 on, were flown again.
     fresh : int
-        How many episodes were flown that nobody had published; 0 for none.
+        How many fresh episodes, which nobody had published, the agent flew; may be 0.
     fresh_key : int
-        The key that they were drawn from.
+        The key that the fresh episodes were drawn from.
     fresh_cral : float
-        Their mean CRAL, in [0, 1].
+        The mean CRAL on the fresh episodes, in [0, 1].
     difference, difference_low, difference_high : float
-        Fresh − submitted mean CRAL, with its 99 % confidence interval.
+        Mean CRAL on the fresh episodes − mean CRAL on the submitted ones, with its 99 % confidence interval.
     """
 
     submission: str
@@ -66,7 +67,7 @@ class Rerun:
 
     @property
     def agrees(self) -> bool:
-        """Whether the score on fresh episodes is the submitted one, as far as chance allows; True where there are none."""
+        """Whether the score on fresh episodes agrees with the submitted one, as far as chance allows; True without them."""
         return self.difference_low <= 0.0 <= self.difference_high
 
 
@@ -76,7 +77,7 @@ class RerunInterrupted(KeyboardInterrupt):
     Attributes
     ----------
     rerun : Rerun
-        What had been compared, from episode 0 on; of 0 episodes where there is nothing to write down.
+        What was compared before the interrupt, from episode 0 on. If its ``episodes`` is 0, there is nothing to record.
     """
 
     def __init__(self, rerun: Rerun) -> None:
@@ -86,11 +87,11 @@ class RerunInterrupted(KeyboardInterrupt):
 
 _COUNTS, _FIGURES = ("episodes", "fresh", "fresh_key"), ("fresh_cral", "difference", "difference_low", "difference_high")
 _Z = NormalDist().inv_cdf(0.995)
-_SAME = ("track", "agent_sha256", "actions_sha256")  # of two reruns of the same flights by the same agent
+_SAME = ("track", "agent_sha256", "actions_sha256")  # if equal, two reruns are of the same flights by the same agent
 
 
 def load_reruns(path: Path) -> dict[str, Rerun]:
-    """Read what has been flown again, by submission; nothing when there is no file.
+    """Read the reruns, by submission; empty when there is no file.
 
     Raises
     ------
@@ -112,7 +113,7 @@ def load_reruns(path: Path) -> dict[str, Rerun]:
     except (KeyError, TypeError, ValueError, csv.Error) as error:
         where = f" in line {reader.line_num}" if reader else ""
         raise SubmissionError(
-            f"{path}: damaged{where} ({error}): take the file as it was before, or delete the line and rerun that agent"
+            f"{path}: damaged{where} ({error}): restore an earlier version of the file, or delete the line and rerun that agent"
         ) from None
     return found
 
@@ -125,7 +126,7 @@ def _finite(text: str) -> float:
 
 
 def check_reruns(path: Path) -> None:
-    """Find out before hours of flying whether a rerun can be written down.
+    """Check, before the agent flies for hours, that its rerun can be recorded.
 
     Raises
     ------
@@ -140,19 +141,22 @@ def check_reruns(path: Path) -> None:
 
 
 def save_rerun(path: Path, rerun: Rerun) -> None:
-    """Write down a rerun, in the place of an older one of the same submission; of two, the one of more episodes counts.
+    """Record a rerun in place of an older one of the same submission.
+
+    If both are of the same flights by the same agent, the larger number of compared episodes is kept, and the older result on
+    fresh episodes if it has more of them.
 
     Raises
     ------
     SubmissionError
-        When the file is damaged or cannot be written; it is as it was then.
+        When the file is damaged or cannot be written. It does not change then.
     """
     known = load_reruns(path)
     before = known.get(rerun.submission)
     of_the_same = before is not None and all(getattr(before, name) == getattr(rerun, name) for name in _SAME)
     if before is not None and of_the_same:
         rerun = replace(rerun, episodes=max(before.episodes, rerun.episodes))
-        if rerun.fresh < before.fresh:  # more fresh episodes say more, be they for or against the agent
+        if rerun.fresh < before.fresh:  # the larger sample is kept, whether it speaks for or against the agent
             rerun = replace(before, episodes=rerun.episodes)
     known[rerun.submission] = rerun
     text = io.StringIO()
@@ -166,7 +170,7 @@ def save_rerun(path: Path, rerun: Rerun) -> None:
 
 
 def fresh_text(rerun: Rerun) -> str:
-    """Return in words how the fresh episodes went."""
+    """Return in words how the score on fresh episodes compares with the submitted one."""
     low, high = (f"{100 * value:+.2f}" for value in (rerun.difference_low, rerun.difference_high))
     verdict = "agrees" if rerun.agrees else "DOES NOT AGREE"
     score = f"CRAL {100 * rerun.fresh_cral:.2f} on {rerun.fresh} fresh episodes"
@@ -188,7 +192,7 @@ def fly_again(
     fresh: int = 0,
     key: int | None = None,
 ) -> Rerun:
-    """Execute the agent on the first episodes, compare every action, and let it fly fresh ones.
+    """Run the agent on the first submitted episodes, compare every action, then let it fly fresh episodes.
 
     Parameters
     ----------
@@ -196,7 +200,7 @@ def fly_again(
     source : AgentSource
         The agent. On the observation track it runs in a process of its own.
     episodes : int
-        How many of the submitted episodes it flies again.
+        How many of the submitted episodes the agent flies again.
     workers : int
         Processes.
     decision_timeout : float
@@ -204,25 +208,26 @@ def fly_again(
     on_record : callable
         Called with the record of every episode, the fresh ones last.
     fresh : int
-        How many episodes it flies that nobody has published.
+        How many fresh episodes, which nobody has published, the agent flies.
     key : int, optional
-        What these are drawn from; by default a random number.
+        The key that the fresh episodes are drawn from; random by default.
 
     Raises
     ------
     SubmissionError
-        When it is another agent than the submission says, takes another action, or the submission does not hold.
+        When it is not the agent that the submission names, when it takes another action, or when the submission is not
+        reproduced.
     AgentError, ApartError
         When the agent fails.
     RerunInterrupted
         When the user interrupts.
     """
     said = submission.manifest.result
-    source = replace(source, transfer=bool(said.transfer))  # as it flew
+    source = replace(source, transfer=bool(said.transfer))  # as the submission was flown
     apart = ApartSource.of(source, decision_timeout)
     for field, found in {"track": apart.track, "agent_sha256": source.digest(submission.scenario)}.items():
         if getattr(said, field) != found:
-            hint = ": another file, or without the --weights it flew with" if field == "agent_sha256" else ""
+            hint = ": another file, or it flew with --weights that are not given" if field == "agent_sha256" else ""
             raise SubmissionError(f"{submission.label}: {field}: {source.name} has {found}, not {getattr(said, field)}{hint}")
     submitted = check(submission)
     job = Job(apart if apart.track == "observation" else source, submission.scenario, "test", decision_timeout)
@@ -236,7 +241,7 @@ def fly_again(
             if not np.array_equal(record.actions, actions):
                 first = _first_difference(record, actions)
                 raise SubmissionError(
-                    f"{submission.label}: episode {record.episode}: {source.name} acts otherwise from step {first} on"
+                    f"{submission.label}: episode {record.episode}: {source.name} takes other actions from step {first} on"
                 )
             same.add(record.episode)
             on_record(record)
@@ -262,13 +267,13 @@ def fly_again(
 
 
 def _squared_error(values: NDArray[np.float64]) -> float:
-    """Return the variance of the values' mean: at least as if one of them differed, as a rare one may be missing."""
+    """Return the variance of the mean; at least about that of one value differing by 1, since rare values may not be drawn."""
     n = len(values)
     return max(float(values.var()), 1.0 / n) / n
 
 
 def _first_difference(record: EpisodeRecord, actions: np.ndarray) -> int:
-    """Return the step at which two flights part."""
+    """Return the first step at which the actions of two flights differ."""
     shared = min(len(record.actions), len(actions))
     other = (record.actions[:shared] != actions[:shared]).any(axis=1)
     return int(other.argmax()) if other.any() else shared

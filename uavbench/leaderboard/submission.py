@@ -1,7 +1,7 @@
-"""A submission: a result with who made it and how, in ``submissions/<name>/<scenario>/``.
+"""A submission: a result, with who made it and how, in ``submissions/<name>/<scenario>/``.
 
-Beside ``episodes.csv`` and ``actions.npz`` of the result is ``manifest.toml``: what its authors say, and in ``[result]`` what
-``summary.json`` said. Whatever is in such a folder may come from anybody, and is read accordingly.
+It consists of the result's ``episodes.csv`` and ``actions.npz`` and of ``manifest.toml``: what its authors say and, in
+``[result]``, the result's ``summary.json``. Such a folder may come from anybody, so every file is checked when it is read.
 """
 
 import re
@@ -25,24 +25,24 @@ from uavbench.world.resources import scenario_paths
 from uavbench.world.scenario import Scenario, load_scenario
 
 MANIFEST = "manifest.toml"
-#: The files of a submission, and the bytes that each may have.
+#: The files of a submission, and the largest size of each in bytes.
 LARGEST = {MANIFEST: TOML_BYTES, "episodes.csv": 2**22, "actions.npz": 2**22}
 
 
-#: Characters that Python calls printable and that show nothing: fillers, blanks and selectors of variants.
+#: Invisible characters that Python calls printable: fillers, blanks and variation selectors.
 _SINGLE = {0x34F, 0x115F, 0x1160, 0x17B4, 0x17B5, 0x2800, 0x3164, 0xFFA0}
 _UNSEEN = _SINGLE | {*range(0x180B, 0x1810), *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0)}
 
 
 def _printable(text: str) -> str:
     if not text.isprintable() or _UNSEEN & {ord(letter) for letter in text}:
-        raise ValueError("holds characters that cannot be seen, or that change how others are")
+        raise ValueError("holds characters that cannot be seen, or that change how others look")
     return text
 
 
 def _named(text: str) -> str:
     if not any(unicodedata.category(letter)[0] in "LN" for letter in text):
-        raise ValueError(f"{text!r}: a name has a letter")
+        raise ValueError(f"{text!r}: a name needs a letter or a digit")
     return text
 
 
@@ -65,7 +65,7 @@ class SubmissionError(UavbenchError, ValueError):
 
 
 class Scores(Record):
-    """An interval of a summary."""
+    """A mean with its confidence interval, as in a summary."""
 
     mean: _Number
     low: _Number
@@ -94,20 +94,20 @@ class Summary(Record):
 
 
 class Manifest(Record):
-    """What a submission says of itself.
+    """What a submission says about itself.
 
     Attributes
     ----------
     name : str
-        Of the agent, as the leaderboard shows it.
+        The agent's name, as the leaderboard shows it.
     authors : tuple of str
         Who made it.
     link : str
-        Where it is described: an http or https address, or nothing.
+        Where it is described: an http or https address, or empty.
     training : str
-        What it was trained on, with which seeds; nothing for an agent that was not trained.
+        What it was trained on, with which seeds; empty for an agent that was not trained.
     hardware : str
-        On what it was flown.
+        The machine on which it was flown.
     result : Summary
         What ``uavbench evaluate`` wrote.
     """
@@ -128,18 +128,18 @@ class Manifest(Record):
 
     @property
     def folder(self) -> str:
-        """What its folder is called."""
+        """The name of the agent's folder."""
         return self.name.lower().replace(" ", "-")
 
     @property
     def hand(self) -> dict[str, Any]:
-        """What must be the same in all scenarios of a name."""
+        """What must be the same in all submissions under one name."""
         return {"name": self.name, "authors": list(self.authors), "link": self.link, "track": self.result.track}
 
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission that was read, and not yet replayed."""
+    """A submission that was read, but not yet replayed."""
 
     folder: Path
     manifest: Manifest
@@ -148,7 +148,7 @@ class Submission:
 
     @property
     def label(self) -> str:
-        """What it is called in messages."""
+        """The submission's name in messages."""
         return _label(self.folder)
 
 
@@ -158,7 +158,8 @@ def load_submission(folder: Path) -> Submission:
     Raises
     ------
     SubmissionError
-        When a file is missing, too large, a link, or not what it should be, or the scenario's digest is another.
+        When a file is missing, too large, a link or not valid, or when the folder, the scenario or its digest, the split or the
+        number of episodes is wrong.
     """
     label = _label(folder)
     try:
@@ -187,7 +188,7 @@ def load_submission(folder: Path) -> Submission:
 
 
 def check(submission: Submission) -> list[EpisodeRecord]:
-    """Replay every action of a submission, and return what came out.
+    """Replay every action of a submission, and return the records.
 
     Raises
     ------
@@ -205,13 +206,13 @@ def check(submission: Submission) -> list[EpisodeRecord]:
 
 
 def _check_files(folder: Path) -> None:
-    """Refuse a folder with other files than a submission's, or such that are no plain files or too large."""
+    """Refuse a folder that has other files than a submission, or files that are missing, not plain files, or too large."""
     if folder.name.startswith("."):
-        raise SubmissionError("is hidden, as what a submit leaves that is killed: submit again, and delete it if it stays")
+        raise SubmissionError("is a hidden folder, as a killed submit leaves: submit again, and delete it if it stays")
     if folder.is_symlink() or not folder.is_dir():
-        raise SubmissionError("is no folder, or a link")
+        raise SubmissionError("is not a folder, or is a link")
     if not any(folder.iterdir()):
-        raise SubmissionError("holds nothing")
+        raise SubmissionError("is empty")
     for path in folder.iterdir():
         if path.name not in LARGEST:
             raise SubmissionError(f"{path.name!r} does not belong to a submission")

@@ -1,4 +1,4 @@
-"""Handing in: results become submissions in ``submissions/<name>/<scenario>/``, all or none of them."""
+"""Submitting: makes submissions of results in ``submissions/<name>/<scenario>/``, of all of them or of none."""
 
 import os
 import platform
@@ -43,12 +43,12 @@ def submit(
     Returns
     -------
     list of Path
-        The folders: ``submissions``/<name>/<scenario>. What was there is replaced.
+        The folders, ``submissions``/<name>/<scenario>. Folders that already exist are replaced.
 
     Raises
     ------
     SubmissionError
-        When a result cannot be submitted, or what is said of it.
+        When a result, or what the arguments say about it, cannot be submitted.
     """
     if not results:
         raise SubmissionError("no results: give folders that uavbench evaluate wrote")
@@ -73,15 +73,16 @@ def submit(
 
 
 def _check_hand(made: Sequence[Manifest], folders: Sequence[Path]) -> None:
-    """Refuse to add to, or to replace, what somebody else has handed in under a name that is filed alike.
+    """Refuse to add to, or to replace, what somebody else has submitted under a name with the same folder.
 
-    What is there and stays must say the same as what is new; a damaged one may be replaced by whom it says that it is of.
+    Name and authors must be those of every manifest that is already there; link and track must be those of the submissions that
+    are not replaced. Name and authors are read from a damaged submission too, so that its authors can replace it.
     """
     new = made[0]
     for other in made[1:]:
         if other.hand != new.hand:
             tracks = f"{new.result.agent} has {new.result.track}, {other.result.agent} {other.result.track}"
-            raise SubmissionError(f"track: {tracks}: a name has one")
+            raise SubmissionError(f"track: {tracks}: all results under one name need the same track")
     for there in sorted(folders[0].parent.glob("[!.]*")):
         said = _said(there)
         if said is None:
@@ -93,15 +94,15 @@ def _check_hand(made: Sequence[Manifest], folders: Sequence[Path]) -> None:
         track = cast("dict[str, Any]", result).get("track") if isinstance(result, dict) else None
         if there not in folders and (said.get("link", ""), track) != (new.link, new.result.track):
             told = f"{said.get('link') or 'none'} and track {track}"
-            raise SubmissionError(f"link: {there} has {told}: say the same, or submit its result again too")
+            raise SubmissionError(f"link: {there} has {told}: use the same link and track, or submit its result again too")
     for folder in folders:
         strange = sorted({path.name for path in folder.glob("*")} - set(LARGEST))
         if strange:
-            raise SubmissionError(f"{folder}: holds {strange[0]!r}, which is of no submission: move it away first")
+            raise SubmissionError(f"{folder}: holds {strange[0]!r}, which does not belong to a submission: move it away first")
 
 
 def _check_owner(manifest: Manifest, owners: Owners) -> None:
-    """Refuse a name that the board knows as somebody else's: the next build would."""
+    """Refuse a name that has another owner on the board: the next build would refuse it too."""
     reason = why_not_its_own(manifest, manifest.folder, owners) if manifest.folder in owners else None
     if reason:
         raise SubmissionError(reason)
@@ -112,7 +113,7 @@ def _names(authors: object) -> str:
 
 
 def _said(folder: Path) -> dict[str, Any] | None:
-    """Return what the manifest in a folder says, whatever its version; None where none can be read."""
+    """Return what the manifest in a folder says, without checking it; None if it cannot be read."""
     try:
         return read_toml(folder / MANIFEST)
     except FileError:
@@ -120,7 +121,7 @@ def _said(folder: Path) -> dict[str, Any] | None:
 
 
 def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
-    """Write the submission of a result; return its folder."""
+    """Write the submission of a result, and return its folder."""
     scenario = shipped(result.summary)
     try:
         summary = {name: value for name, value in result.summary.items() if name != "agent_file"}  # a path of this machine
@@ -131,7 +132,7 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
     try:
         folder.mkdir(parents=True)
     except FileExistsError:
-        raise SubmissionError(f"{result.folder}: two results on {folder.name}: a submission has one a scenario") from None
+        raise SubmissionError(f"{result.folder}: two results on {folder.name}: a name has one for each scenario") from None
     for file in ("episodes.csv", "actions.npz"):
         (folder / file).write_bytes(read_bounded(result.folder / file, ARRAYS_BYTES))
     (folder / MANIFEST).write_text(tomli_w.dumps(manifest.model_dump(mode="json", exclude_none=True)), encoding="utf-8")
@@ -139,7 +140,7 @@ def _write(result: Result, told: Mapping[str, Any], submissions: Path) -> Path:
 
 
 def this_machine() -> str:
-    """Return a line about this machine's processor."""
+    """Return the number of cores and the processor's name of this machine."""
     try:
         names = re.findall(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
     except OSError:

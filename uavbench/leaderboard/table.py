@@ -1,4 +1,4 @@
-"""``leaderboard.csv``: the rows as anybody can read them, in per cent."""
+"""``leaderboard.csv``: the rows of the leaderboard, in per cent."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ COLUMNS = (
 
 
 def table_text(rows: Sequence[Row]) -> str:
-    """Return the file: scores in per cent with two digits, the same text on every machine."""
+    """Return the text of the file, which is the same on every machine. Scores are in per cent with two digits."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -47,7 +47,7 @@ def _percent(value: float | None) -> str:
 
 
 def _number(value: float | None, digits: int) -> str:
-    """Write a number; nothing where there is none, and no minus before a zero."""
+    """Write a number without a minus before zero; an empty text for None and NaN."""
     if value is None or math.isnan(value):
         return ""
     text = f"{value:.{digits}f}"

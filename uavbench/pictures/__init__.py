@@ -1,1 +1,1 @@
-"""The pictures that commands make: plots, films, reports, and episodes to watch or to play."""
+"""The pictures that commands make: plots, films and reports, and the window to play in."""

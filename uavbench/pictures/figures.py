@@ -1,6 +1,6 @@
-"""The style of all figures: the same everywhere, whatever a user has set Matplotlib to.
+"""The style of all figures, which does not depend on the user's Matplotlib settings.
 
-Figures are made without pyplot, so no backend and no window is needed; Matplotlib's parts are imported from here.
+Figures are made without pyplot, so they need no backend and no window. Other modules import Matplotlib's parts from here.
 """
 
 import os
@@ -12,7 +12,7 @@ from typing import Any
 
 if "matplotlib" in sys.modules:
     import matplotlib
-else:  # notebooks set MPLBACKEND for all that they start: where that backend is not installed, the import would fail
+else:  # notebooks set MPLBACKEND for all their processes, and the import fails if that backend is not installed
     _backend = os.environ.pop("MPLBACKEND", None)
     import matplotlib
 
@@ -29,8 +29,8 @@ from matplotlib.ticker import MaxNLocator
 
 __all__ = ["Figure", "Line2D", "MaxNLocator", "Patch", "Wedge", "fixed_style"]
 
-_FONT = "DejaVu Sans"  # which comes with Matplotlib
-_style: Any = matplotlib.style  # which has no types
+_FONT = "DejaVu Sans"  # comes with Matplotlib
+_style: Any = matplotlib.style  # untyped
 _fonts: Any = font_manager
 
 
@@ -41,8 +41,8 @@ def fixed_style(text: str = "") -> Generator[None]:
     Parameters
     ----------
     text : str
-        Letters that will be written, names for example. What Matplotlib's own font lacks of them is taken from fonts of the
-        machine; a letter that no font has is drawn as a box, without a warning.
+        The characters that will be written, for example names. Those that Matplotlib's own font lacks are taken from fonts of
+        the machine. A character that no font has is drawn as a box, without a warning.
     """
     with _style.context(["default", {"font.family": _families(text)}]), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
@@ -50,9 +50,9 @@ def fixed_style(text: str = "") -> Generator[None]:
 
 
 def _families(text: str) -> list[str]:
-    """Return the names of fonts that have the letters of a text, as far as fonts of this machine have them."""
+    """Return the names of fonts that together have the characters of a text, as far as this machine has such fonts."""
     fonts: list[Any] = sorted(
-        (font for font in _fonts.fontManager.ttflist if not font.name.startswith("Last Resort")),  # which has only boxes
+        (font for font in _fonts.fontManager.ttflist if not font.name.startswith("Last Resort")),  # these have only boxes
         key=lambda font: (font.name != _FONT, font.style != "normal", font.weight != 400, font.name),
     )
     missing, found = set(map(ord, text)), [_FONT]

@@ -15,20 +15,21 @@ from uavbench.drawing.raster import captioned, raster
 from uavbench.drawing.scene import Scene
 from uavbench.evaluation.results import ResultError, deliver
 
-_LAST_SECONDS = 2.0  # how long the end is shown
-_FASTEST_GIF = 50.0  # its delays are hundredths of a second, and browsers take a single one for ten
-_PALETTE_FRAMES = 16
+_LAST_SECONDS = 2.0  # how long the last frame is shown
+_FASTEST_GIF = 50.0  # delays are whole hundredths of a second, and browsers show 1/100 s as 10/100 s
+_PALETTE_FRAMES = 16  # from which the palette of a GIF is made
 
 Told = Callable[[object], None]
 
 
 def check_film(path: Path, fps: float) -> None:
-    """Refuse what cannot be written, before anything is flown.
+    """Refuse a film that cannot be written, before the episode is flown.
 
     Raises
     ------
     ResultError
-        When the ending is neither ``.mp4`` nor ``.gif``, a GIF is to be too fast, or imageio-ffmpeg is missing for ``.mp4``.
+        When the ending is neither ``.mp4`` nor ``.gif``, ``fps`` is too high for a GIF, or imageio-ffmpeg is missing for
+        ``.mp4``.
     """
     ending = path.suffix.lower()
     if ending not in _WRITERS:
@@ -40,7 +41,7 @@ def check_film(path: Path, fps: float) -> None:
 
 
 def save_film(scenes: Sequence[Scene], path: Path, fps: float, on_frame: Told = lambda scene: None) -> None:
-    """Write scenes as a film; the file's ending says which format. It is there as a whole or as it was before.
+    """Write scenes as a film in the format of the file's ending. On failure, an existing file does not change.
 
     Raises
     ------
@@ -63,7 +64,7 @@ def _ffmpeg() -> Any:
 
 
 def _mp4(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
-    """Return the film; ffmpeg does not say that it failed, so what it wrote is counted."""
+    """Return the film. Its frames are counted, because ffmpeg may fail without an error."""
     ffmpeg, last = _ffmpeg(), _frame(scenes[-1])
     height, width, _ = last.shape
     wanted = len(scenes) + round(_LAST_SECONDS * fps)
@@ -86,7 +87,7 @@ def _mp4(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
 
 
 def _gif(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
-    """Return the film, in one palette of its own colours: so what does not change from frame to frame is not written again."""
+    """Return the film. All frames share one palette, so that unchanged parts are not written again."""
     picked: list[int] = np.linspace(0, len(scenes) - 1, min(len(scenes), _PALETTE_FRAMES)).astype(int).tolist()
     some = [_frame(scenes[k]) for k in picked]
     colours = np.unique(np.concatenate([np.unique(_codes(picture)) for picture in some]))
@@ -109,13 +110,13 @@ def _gif(scenes: Sequence[Scene], fps: float, on_frame: Told) -> bytes:
 
 
 def _codes(picture: NDArray[np.uint8]) -> NDArray[np.uint32]:
-    """Return each colour of a picture as a number."""
+    """Return the colour of each pixel as one number."""
     red, green, blue = np.moveaxis(picture.astype(np.uint32), -1, 0)
     return red << 16 | green << 8 | blue
 
 
 def _indexed(picture: NDArray[np.uint8], colours: NDArray[np.uint32], palette: Image.Image) -> Image.Image:
-    """Return a picture in a palette: looked up, if that has all its colours (ten times as fast), else by the nearest."""
+    """Return a picture in a palette: by lookup if the palette has all its colours (ten times as fast), else by the nearest."""
     asked = _codes(picture)
     place = np.searchsorted(colours, asked).clip(max=len(colours) - 1)
     if len(colours) > 256 or (colours[place] != asked).any():

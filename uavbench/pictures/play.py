@@ -1,4 +1,4 @@
-"""A person flies, and is scored."""
+"""Lets a person fly episodes, and scores them."""
 
 from collections.abc import Callable
 
@@ -23,7 +23,7 @@ KEYS = {
     "space": HOVER,
     "h": HOVER,
     "return": LAND,
-    "enter": LAND,  # of the keypad
+    "enter": LAND,  # on the keypad
     "l": LAND,
 }
 HELP = ("arrows fly, space hovers, return lands", "r starts again, n takes the next episode, q ends")
@@ -36,7 +36,7 @@ def play(
     on_end: Callable[[EpisodeRecord], None] = lambda record: None,
     window: Window | None = None,
 ) -> None:
-    """Let a person fly episodes in a window until it is closed; every finished one is shown to ``on_end``.
+    """Let a person fly episodes in a window until it is closed; ``on_end`` is called with the record of each finished episode.
 
     Raises
     ------
@@ -46,6 +46,8 @@ def play(
         When the split has no such episode.
     WindowError
         When there is no display.
+    ImportError
+        When pygame-ce is missing.
     """
     if scenario.team:
         raise ScenarioError(f"{scenario.id} is for a team: choose a scenario for one UAV")
@@ -63,7 +65,7 @@ def play(
 def _fly(
     simulator: Simulator, split: SplitName, episode: int, window: Window, on_end: Callable[[EpisodeRecord], None]
 ) -> int | None:
-    """Fly one episode; return how many episodes further to go on, or None to end."""
+    """Fly one episode. Return 0 to fly it again, 1 to go on with the next one, or None to quit."""
     trail, state = Trail(simulator, 0), simulator.state
     actions: list[int] = []
     while True:
@@ -86,7 +88,7 @@ def _fly(
 
 
 def _ended(simulator: Simulator) -> str:
-    """Return how the episode has ended, with its score; nothing before it has."""
+    """Return how the episode ended, with its score; an empty text before it has ended."""
     if not simulator.state.done[0, 0]:
         return ""
     cral = float(simulator.outcomes([0])["cral"][0])

@@ -1,4 +1,4 @@
-"""A flight as a figure for a paper, after the paper's Fig. 2 and Table II: PNG, SVG or PDF."""
+"""A flight as a figure for publications, in the style of the paper's Fig. 2 and Table II: PNG, SVG or PDF."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -17,22 +17,22 @@ from uavbench.world.scenario import BUILDING, FREE, LANDING, NO_FLY
 FORMATS = ("png", "svg", "pdf")
 _WHITE: Colour = (255, 255, 255)
 _INCHES, _TALLEST = 5.0, 7.5
-_POINTS = 66.0  # in an inch of the figure's width, once the axes have their labels
+_POINTS = 66.0  # in an inch of the figure's width, less what the axes' labels take
 
 
 def check_plot(path: Path) -> None:
-    """Refuse, by a ResultError, a file that ends in none of `FORMATS`."""
+    """Raise a ResultError if the file's ending is not one of `FORMATS`."""
     if path.suffix.lower().removeprefix(".") not in FORMATS:
         raise ResultError(f"{path}: write to a file that ends in {', '.join('.' + each for each in FORMATS)}")
 
 
 def save_plot(scene: Scene, path: Path) -> None:
-    """Draw a scene with its legend to a file, whose ending says which format. It is there as a whole or as it was before.
+    """Draw a scene with its legend to a file, in the format of its ending. On failure, an existing file does not change.
 
     Raises
     ------
     ResultError
-        When the ending is none of `FORMATS`, or the file cannot be written.
+        When the ending is not one of `FORMATS`, or the file cannot be written.
     """
     check_plot(path)
     buffer = io.BytesIO()
@@ -106,7 +106,8 @@ def plot(result: Result | str | Path, episode: int = 0, *, ax: Any = None, scena
     >>> import matplotlib; matplotlib.use("Agg")
     >>> import uavbench
     >>> ax = uavbench.plot(uavbench.evaluate("greedy", "Block8-CPP-v0", episodes=3), episode=2)
-    >>> ax.figure.savefig("flight.png")
+    >>> ax.get_title().startswith("Movement")
+    True
     """
     loaded = result if isinstance(result, Result) else load_result(Path(result))
     scene = recorded_scenes(loaded, episode, scenario)[-1]
@@ -121,7 +122,7 @@ def plot(result: Result | str | Path, episode: int = 0, *, ax: Any = None, scena
 
 
 def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: float, **more: Any) -> None:
-    """Draw marks of one shape, so many points wide, in their colours; ``more`` goes to Matplotlib."""
+    """Draw marks of one shape and a width in points, in their colours; ``more`` goes to Matplotlib."""
     if marks:
         r, c = np.array([cell for cell, _ in marks]).T
         colours = [_hex(colour) for _, colour in marks]
@@ -130,18 +131,18 @@ def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: 
 
 
 def city_legend() -> list[Any]:
-    """Return the entries of the cells of a map."""
+    """Return the legend's entries for the cells of a map."""
     landing, no_fly, building = shown.city_colours(("".join((LANDING, NO_FLY, BUILDING)),))[0]
     return _patches({"start and landing zone": landing, "no-fly zone": no_fly, "building": building})
 
 
 def _patches(colours: Mapping[str, Any]) -> list[Any]:
-    """Return an entry for each colour that has a name."""
+    """Return a legend entry for each colour that has a name."""
     return [Patch(facecolor=_hex(colour), edgecolor="0.7", label=name) for name, colour in colours.items() if name]
 
 
 def legend(scene: Scene) -> list[Any]:
-    """Return the entries of the paper's Table II that a scene's mission has, in its words, and of a team the UAVs that fly."""
+    """Return the legend's entries, as in the paper's Table II but in the mission's words; for a team also those of its UAVs."""
     scenario, words = scene.scenario, scene.scenario.mission.words
     free = shown.city_colours((FREE,))[0, 0]
     patches = {words.target: shown.blend(free, shown.REMAINING), words.done: shown.blend(free, shown.COVERED)}

@@ -1,4 +1,4 @@
-"""Results in tables and figures: a folder that a paper can take from."""
+"""Reports: a folder with tables and figures of results, ready for publications."""
 
 import html
 import io
@@ -32,18 +32,18 @@ _INTERVALS = "95 % confidence intervals"
 
 @dataclass(frozen=True)
 class Compared:
-    """What a report is of: entries, results or groups of them, on the same episodes.
+    """What a report compares: entries, each a result or a group of results, on the same episodes.
 
     Attributes
     ----------
     names : list of str
-        Of the entries, no two alike.
+        The names of the entries, all different.
     runs : list of list of DataFrame
-        The episodes of each entry's results: one, or one for each seed. They are those that all results have.
+        For each entry, the episodes of its result, or of one result for each seed. Only episodes that all results have.
     scenario : Scenario
     split : str
     longest : int
-        How many episodes the longest result has.
+        The number of episodes of the longest result.
     """
 
     names: list[str]
@@ -58,19 +58,19 @@ class Compared:
         return [tables[0] for tables in self.runs]
 
     def values(self, metric: Callable[[Any], Any]) -> list[NDArray[Any]]:
-        """Return of each entry what ``metric`` takes from a table, shape (seeds, episodes)."""
+        """Return, for each entry, the values of ``metric``, a function of a table: shape (seeds, episodes)."""
         return [np.stack([metric(table).to_numpy() for table in tables]) for tables in self.runs]
 
     @property
     def labels(self) -> list[str]:
-        """The entries' names, with how many seeds it was where it was more than one."""
+        """The entries' names; with the number of seeds, if an entry has more than one."""
         return [
             f"{name} ({len(runs)} seeds)" if len(runs) > 1 else name for name, runs in zip(self.names, self.runs, strict=True)
         ]
 
     @property
     def subject(self) -> str:
-        """Scenario, split and number of episodes: of those that every agent flew."""
+        """Scenario, split, and the number of episodes that all results have."""
         common = len(self.tables[0])
         hint = f" (of {self.longest:,}, those that all flew)" if common < self.longest else ""
         return f"{self.scenario.id}, {self.split} split, {common:,} episodes{hint}"
@@ -84,29 +84,29 @@ def write_report(
     groups: Mapping[str, Sequence[Result]] | None = None,
     against: str | None = None,
 ) -> None:
-    """Write the tables and figures of results on the same episodes: `FILES`.
+    """Write tables and figures that compare results on the same episodes: `FILES`.
 
     Parameters
     ----------
     results : sequence of Result
-        An entry each.
+        Each is one entry.
     folder : Path
-        Where to; it need not be there. Nothing is written before everything is computed.
+        Where to write; created if it does not exist. Nothing is written before everything is computed.
     on_file : callable, optional
-        Told of every file that is ready to be written.
+        Called with the path of every file that is ready to be written.
     scenario_file : str, optional
-        Where the scenario is, if it is a user's own and not where it was.
+        The scenario's file, if it is a user's own and has moved.
     groups : mapping of str to sequence of Result, optional
-        Methods that were trained with several seeds, by name, with a result for each seed. Each is one entry, after the others:
-        the mean over its seeds, with intervals over seeds and episodes.
+        Methods that were trained with several seeds, by name, with a result for each seed. Each method is one entry, after
+        those of ``results``: the mean over its seeds, with confidence intervals over seeds and episodes.
     against : str, optional
-        The name of the entry that the others are compared with, which comes first; by default the first result.
+        The name of the entry that the others are compared with, which is listed first; by default the first entry.
 
     Raises
     ------
     ResultError
-        When there are none, one is there twice or damaged, two entries have one name, they are not of the same scenario and
-        split, or there is no entry of the name ``against``.
+        When there are no results, one is given twice or damaged, two entries have the same name, the results are not of the
+        same scenario and split, no entry has the name ``against``, or a file cannot be written.
     """
     compared = _compare(results, scenario_file, groups or {}, against)
     rows = _comparison(compared)
@@ -131,7 +131,7 @@ def write_report(
 def _compare(
     results: Sequence[Result], scenario_file: str | None, groups: Mapping[str, Sequence[Result]], against: str | None = None
 ) -> Compared:
-    """Look whether results can be compared, and take the episodes that all have."""
+    """Check that results can be compared, and select the episodes that all of them have."""
     every = [*results, *(result for group in groups.values() for result in group)]
     if not every:
         raise ResultError("no results: give folders that uavbench evaluate wrote")
@@ -160,7 +160,7 @@ def _compare(
 
 
 def _names(results: Sequence[Result], folders: Sequence[Path]) -> list[str]:
-    """Return the agents' names; for those of one name as much of their folders' paths as tells them apart."""
+    """Return the agents' names; where several have the same name, the shortest ends of their folders' paths that differ."""
     names: list[str] = [result.summary["agent"] for result in results]
     alike = [k for k, name in enumerate(names) if names.count(name) > 1]
     for parts in range(1, 100):
@@ -174,7 +174,7 @@ def _names(results: Sequence[Result], folders: Sequence[Path]) -> list[str]:
 
 
 def _numbers(compared: Compared) -> "pd.DataFrame":
-    """Return the table as numbers, shares in [0, 1]: scores, differences in CRAL to the first result, and steps."""
+    """Return the table as numbers: scores in [0, 1], differences in CRAL from the first entry, and steps."""
     import pandas as pd
 
     scores = {metric: compared.values(lambda table, metric=metric: table[metric]) for metric in (*METRICS, "steps")}
@@ -193,13 +193,13 @@ def _numbers(compared: Compared) -> "pd.DataFrame":
 
 
 def _csv(compared: Compared) -> str:
-    """Return the numbers as a file that spreadsheets read without taking a name for a formula."""
+    """Return the numbers as CSV in which no spreadsheet takes an agent's name for a formula."""
     numbers = _numbers(compared).assign(agent=[plain_cell(name) for name in compared.names])
     return numbers.to_csv(index=False, lineterminator="\n")
 
 
 def _comparison(compared: Compared) -> list[list[str]]:
-    """Return the rows of the table as people read it, the head first."""
+    """Return the rows of the table as formatted text, the header first."""
     rows = [["agent", *(NAMES[name] for name in METRICS), f"CRAL − {compared.names[0]}", "steps"]]
     for label, row in zip(compared.labels, _numbers(compared).to_dict("records"), strict=True):
         scores = [_cell(row, name) for name in METRICS]
@@ -222,13 +222,13 @@ def _markdown(rows: Sequence[Sequence[str]], subject: str) -> str:
 
 
 def _marked(text: str) -> str:
-    """Return text that Markdown shows as it is, HTML in it too."""
+    """Escape Markdown and HTML in a text."""
     return re.sub(r"([\\`*|\[\]])", r"\\\1", html.escape(text, quote=False))
 
 
 def _latex(rows: Sequence[Sequence[str]], subject: str) -> str:
     head, *body = [" & ".join(_tex(cell) for cell in row) + r" \\" for row in rows]
-    body = [f"{{}}{row}" if row[0] in "[*" else row for row in body]  # else an argument of the line's end before
+    body = [f"{{}}{row}" if row[0] in "[*" else row for row in body]  # else LaTeX takes it for an argument of the \\ above
     columns = "l" + "r" * (len(rows[0]) - 1)
     notes = [f"% {subject}; in %, with {_INTERVALS}; steps are means.", r"% Needs \usepackage{booktabs}."]
     table = [rf"\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}"]
@@ -255,7 +255,7 @@ def _budgets(compared: Compared) -> NDArray[np.float64]:
 
 
 def _amounts(compared: Compared) -> NDArray[np.float64]:
-    """Return, for each episode, how many cells are targets: their number where the mission counts them, else in per cent."""
+    """Return each episode's number of target cells if the mission counts them, else their share of the map in per cent."""
     numbers = compared.tables[0]["episode"].tolist()
     slots = min(len(numbers), episodes_at_once(compared.scenario))
     simulator = Simulator(compared.scenario, slots)
@@ -291,7 +291,7 @@ def _budget_name(compared: Compared) -> str:
 
 
 def _against(compared: Compared, across: str, up: str, x: NDArray[np.float64], metric: Callable[[Any], Any]) -> Any:
-    """Return the figure of a metric's means over episodes alike in ``x``."""
+    """Return the figure of a metric's means over groups of episodes with similar ``x``."""
     figure, axes = _figure(compared, across, up)
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     groups = _groups(x)
@@ -299,14 +299,14 @@ def _against(compared: Compared, across: str, up: str, x: NDArray[np.float64], m
     for k, values in enumerate(compared.values(metric)):
         shares = values.dtype == np.bool_
         found = [(share_over_seeds if shares else mean_over_seeds)(values[:, group]) for group in groups]
-        never = shares and not values.any()  # what did not happen has no band: several of them would hide the others' lines
+        never = shares and not values.any()  # no band around zero: several of them would hide the other lines
         _band(axes, k, middle, found, compared.labels[k], marker=_MARKERS[k % len(_MARKERS)], shade=not never)
     _legend(figure, axes)
     return figure
 
 
 def _groups(x: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-    """Return episodes in groups alike in ``x``: a value each, if there are few, else about as many in each."""
+    """Return groups of episodes with similar ``x``: one for each value if there are few values, else of about equal size."""
     values = np.unique(x)
     if len(values) <= _BINS:
         return [np.flatnonzero(x == value) for value in values]
@@ -316,7 +316,7 @@ def _groups(x: NDArray[np.float64]) -> list[NDArray[np.int64]]:
 
 
 def _performance_profiles(compared: Compared) -> Any:
-    """Return the figure of performance profiles: on which share of episodes CRAL is above τ (Agarwal et al., NeurIPS 2021)."""
+    """Return the figure of performance profiles: the share of episodes with CRAL above τ (Agarwal et al., NeurIPS 2021)."""
     figure, axes = _figure(compared, "CRAL τ, %", "episodes with CRAL above τ, %")
     levels = np.arange(100) / 100  # no CRAL is above 1
     for k, cral in enumerate(compared.values(lambda table: table["cral"])):
@@ -335,9 +335,9 @@ def _figure(compared: Compared, across: str, up: str) -> tuple[Any, Any]:
 
 
 def _legend(figure: Any, axes: Any) -> None:
-    """Write the entries' names below the axes, where they hide nothing; the figure grows by their lines."""
+    """Write the entries' names below the axes, where they cover nothing; the figure grows by the height of these lines."""
     handles, labels = axes.get_legend_handles_labels()
-    columns = max(1, min(4, int(75 / (7 + max(map(len, labels))))))  # of about 75 letters
+    columns = max(1, min(4, int(75 / (7 + max(map(len, labels))))))  # about 75 letters fit in a line
     figure.set_figheight(figure.get_figheight() + 0.17 * math.ceil(len(labels) / columns))
     figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
 
@@ -345,10 +345,10 @@ def _legend(figure: Any, axes: Any) -> None:
 def _band(
     axes: Any, k: int, x: Sequence[float], found: Sequence[Interval], name: str, marker: str = "", shade: bool = True
 ) -> None:
-    """Draw the means of agent ``k`` with the band of their intervals; dashes show lines that lie on each other."""
+    """Draw the means of entry ``k`` with a band of their intervals; the dashes let overlapping lines be told apart."""
     dashes = "-" if k == 0 else (0, (4, 1 + k))
-    label = name.replace("$", r"\$")  # else mathematics
-    label = f" {label}" if label.startswith("_") else label  # else left out of the legend
+    label = name.replace("$", r"\$")  # else Matplotlib reads it as mathematics
+    label = f" {label}" if label.startswith("_") else label  # else Matplotlib leaves it out of the legend
     (line,) = axes.plot(x, [100 * each.mean for each in found], ls=dashes, marker=marker, ms=4, mfc="none", lw=1.4, label=label)
     if not shade:
         return

@@ -1,4 +1,4 @@
-"""A recorded episode, watched again: what there is to see after each of its steps."""
+"""Flies a recorded episode again, and returns a scene for each of its steps."""
 
 from uavbench.drawing.scene import Scene, scene_of
 from uavbench.drawing.trail import Trail
@@ -9,19 +9,19 @@ from uavbench.world.episode import split_size
 
 
 def recorded_scenes(result: Result, episode: int, scenario_file: str | None = None) -> list[Scene]:
-    """Fly a result's episode again; return what there is to see at the start and after every step.
+    """Fly an episode of a result again; return the scenes at the start and after every step.
 
     Parameters
     ----------
     result : Result
     episode : int
     scenario_file : str, optional
-        Where the scenario is, if it is a user's own and not where it was.
+        The scenario's file, if it is a user's own and has moved.
 
     Raises
     ------
     ResultError
-        When the scenario is not the result's, or the result does not hold the episode, or not the whole of it.
+        When the scenario is not that of the result, or the result does not hold the episode or only a part of it.
     """
     scenario, split = flown_in(result, scenario_file)
     actions = result.actions()
