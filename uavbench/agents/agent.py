@@ -270,6 +270,12 @@ def find_agent(spec: str, weights: Path | None = None, name: str | None = None) 
     ------
     AgentLoadError
         When there is none, or results cannot be filed under its name.
+
+    Examples
+    --------
+    >>> import uavbench
+    >>> uavbench.find_agent("greedy").track
+    'state'
     """
     source = _find(spec)
     if weights is not None:

@@ -20,7 +20,28 @@ _MAX_CELLS = 2**25  # of all maps that are flown on side by side: a target map t
 def replay(result: Result, scenario_file: str | None = None) -> list[str]:
     """Simulate the actions of a result again and compare every number.
 
-    As `fly_all_recorded`, of which it is the second part.
+    Parameters
+    ----------
+    result : Result
+        What is checked.
+    scenario_file : str, optional
+        The scenario's file, if it is the user's own and has moved.
+
+    Returns
+    -------
+    list of str
+        What differs, a line each; empty when every number is reproduced.
+
+    Raises
+    ------
+    ResultError
+        When the scenario's digest is not the result's, or a file is damaged.
+
+    Examples
+    --------
+    >>> import uavbench
+    >>> uavbench.replay(uavbench.evaluate("greedy", "Block8-CPP-v0", episodes=3))
+    []
     """
     return fly_all_recorded(result, scenario_file)[1]
 

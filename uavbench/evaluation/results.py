@@ -196,14 +196,22 @@ def deliver(contents: Mapping[Path, bytes]) -> None:
         raise ResultError(f"{path}: cannot write it: {error.strerror or error}") from None
 
 
-def load_result(folder: Path) -> Result:
-    """Load the result in ``folder``.
+def load_result(folder: str | Path) -> Result:
+    """Load the result in ``folder``, which ``uavbench evaluate`` or `uavbench.evaluate` wrote.
 
     Raises
     ------
     ResultError
         When there is none, or its summary is damaged.
+
+    Examples
+    --------
+    >>> import uavbench
+    >>> result = uavbench.evaluate("random", "Block8-CPP-v0", episodes=3)
+    >>> uavbench.load_result(result.folder).summary["episodes"]
+    3
     """
+    folder = Path(folder)
     path = folder / "summary.json"
     if not folder.exists():
         finish_moves(folder.parent)

@@ -412,6 +412,12 @@ def load_scenario(id_or_path: str | Path, run_code: bool = True) -> Scenario:
     ------
     ScenarioError
         When there is no such scenario, or it is not valid; the message names file, field and reason.
+
+    Examples
+    --------
+    >>> import uavbench
+    >>> uavbench.load_scenario("Manhattan32-CPP-v0").budget
+    (50, 150)
     """
     shipped = resources.scenario_paths()
     name = str(id_or_path).removeprefix("uavbench/")
