@@ -153,7 +153,7 @@ def test_no_targets():
         ([], "begin"),
         ([(1, 1)], "begin"),
         ([(0, 0)] * 6, "budget"),
-        ([(0, 0), (-1, 0)], "fly"),
+        ([(0, 0), (-1, 0)], "off the map or a no-fly cell"),
         ([(0, 0), (1, 1)], "one move"),
         ([(0, 0), (0, 1)], "landing cell"),
     ],

@@ -114,9 +114,9 @@ def test_what_does_not_fit_is_refused_and_changes_nothing():
     damaged = state._replace(arrays={name: array[..., :1] for name, array in state.arrays.items()})
     old = state._replace(arrays={name: array for name, array in state.arrays.items() if "sight" not in name})
     for error, reason, given, index in (
-        (ValueError, "it is of the scenario with the digest", other, [0]),
-        (ValueError, "it is of 3 slots, and is to be set in 2", state, [0, 1]),
-        (ValueError, "it is of 3 slots, and is to be set in 8", state, None),
+        (ValueError, "it belongs to the scenario with the digest", other, [0]),
+        (ValueError, "it holds 3 slots, but is to be set in 2", state, [0, 1]),
+        (ValueError, "it holds 3 slots, but is to be set in 8", state, None),
         (ValueError, "does not fit: another version", damaged, [0, 1, 2]),
         (ValueError, "its mission.sight does not fit: another version", old, [0, 1, 2]),
         (ValueError, r"index: bool of shape \(8,\)", state, np.arange(8) < 3),

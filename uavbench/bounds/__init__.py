@@ -1,1 +1,1 @@
-"""Upper bounds: what no policy can exceed on an episode, with proofs (docs/bounds.md). Needs the extra ``planning``."""
+"""Upper bounds: what no policy can exceed on an episode, with proofs (docs/bounds.md). CPP needs the extra ``planning``."""

@@ -1,7 +1,7 @@
-"""Upper bound of CPP: how many target cells no policy can exceed on one episode. Proofs: docs/bounds.md.
+"""Upper bound of CPP: a number of covered target cells that no policy can exceed on one episode. Proofs: docs/bounds.md.
 
-The linear program is that of the orienteering problem (Fischetti, Salazar González and Toth, INFORMS J. Comput. 1998) with
-sets of cells, those that see a target, in place of customers.
+The linear program is that of the orienteering problem (Fischetti, Salazar González and Toth, INFORMS J. Comput. 1998). In
+place of each customer it has the set of cells that see a target.
 """
 
 import importlib
@@ -23,30 +23,30 @@ from uavbench.world.scenario import Scenario
 
 Cell = tuple[int, int]
 
-_ROUNDING = 1e-6  # far more than floating point loses in a bound, far less than the 1 between two values
-_SAVING = 0.01  # what a move not made is worth, so that rounds make progress while everything could still be covered
-_VIOLATION = 0.1  # by how much a cut must fall short
-_NESTED = 3  # pairs of cuts, one around the other, that a group asks for in a round
-_MEMORY, _SMOOTHING = 0.5, 0.9  # of the mean of the LP's solutions: in each round, and where cuts are sought
-_TRUST = 0.8  # cuts are sought at so much of that and the rest of the plan: they are deeper there
+_ROUNDING = 1e-6  # far more than the rounding errors in a bound, far less than the difference of 1 between two values
+_SAVING = 0.01  # what each unused move is worth to the solver, so that rounds make progress while everything can be covered
+_VIOLATION = 0.1  # by how much a cut must be violated
+_NESTED = 3  # pairs of cuts, one around the other, that are sought for a group in each round
+_MEMORY, _SMOOTHING = 0.5, 0.9  # the weight of older solutions in their mean, and of this mean where cuts are sought
+_TRUST = 0.8  # the weight of that point against the point of the plan: cuts found between the two are deeper
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What no policy can exceed on one episode of CPP.
+    """An upper bound for all policies on one episode of CPP.
 
     Attributes
     ----------
     value : int
-        Target cells covered by a policy that lands.
+        Target cells: a policy that lands cannot cover more.
     cr : float
-        The same as a fraction of all target cells: CRAL cannot exceed it, either.
+        The same as a fraction of all target cells. CRAL cannot exceed it, either.
     method : {"reach", "cuts"}
         What gave the bound: the cells within reach, or the linear program.
     proved_optimal : bool
-        Whether the plan reaches the bound (without a plan, landing at once), so that it is the optimum.
+        Whether the plan (without a plan: landing at once) covers as much as the bound and is therefore optimal.
     rounds : int
-        Linear programs solved.
+        The number of linear programs solved.
     """
 
     value: int
@@ -64,12 +64,12 @@ def coverage_bound(
     plan: Sequence[Cell] | None = None,
     seconds: float = 40.0,
 ) -> Bound:
-    """Return an upper bound of the target cells that a landing policy covers.
+    """Return an upper bound of the target cells that a policy which lands can cover.
 
     Parameters
     ----------
     scenario : Scenario
-        Of CPP, for one UAV.
+        A CPP scenario for one UAV.
     start : (int, int)
         The landing cell where the episode starts.
     budget : int
@@ -77,10 +77,10 @@ def coverage_bound(
     targets : ndarray, shape (M, N)
         Non-zero where a cell is a target.
     plan : sequence of (int, int), optional
-        A flight that is possible: the start, and the cell after every action but the last, which lands. It never changes
-        what is valid; a good one makes the bound better and stops early when it is proved optimal.
+        A possible flight: the start, and the cell after every action except the last one, which lands. The bound is valid for
+        any plan. With a good plan it is better, and the computation stops as soon as the plan is proved optimal.
     seconds : float
-        Processor time to spend, so that a busy machine gives no worse bounds. The bound is valid whenever it stops.
+        Processor time to spend, so that bounds are not worse on a busy machine. The bound is valid whenever it stops.
 
     Raises
     ------
@@ -91,10 +91,11 @@ def coverage_bound(
 
     Notes
     -----
-    A cell p counts as visited, at the earliest, after max(d(start, p), 1) actions, and needs its way home and one action
-    to land. Targets that no such cell sees cannot be covered; this is the bound by reach. The bound by cuts maximises, over
-    relaxed routes, the covered targets. With y (a group of targets seen from the same cells V is covered), z (how often an
-    edge between cells is flown, in either direction) and w (the landing cell where the flight ends)::
+    The camera covers from a cell p at the earliest after max(d(start, p), 1) actions, where d is the number of moves. From p
+    the UAV then needs the moves to the nearest landing cell and one action to land. Targets that are seen only from cells for
+    which the budget is too small cannot be covered; this gives the bound by reach. The bound by cuts maximises the covered
+    targets over relaxed flights. With y (whether a group of targets seen from the same cells V is covered), z (how often an
+    edge between cells is flown, in either direction) and w (whether the flight ends in a landing cell)::
 
         maximise    Σ weight y
         subject to  Σ z ≤ budget − 1,  Σ w = 1,  0 ≤ y, w ≤ 1,  0 ≤ z ≤ 2
@@ -102,11 +103,13 @@ def coverage_bound(
                     z(δS) + w(S) + [start in S] ≥ 2 w   for every landing cell and every set of cells S that contains it
                     z(δS) + w(S) + [start in S] ≥ 2     for every set of cells S that contains the start
 
-    Joined by a root to the start and to the cell where it ends, a flight is a closed walk. If it visits S, which does not
-    contain the root, it enters and leaves S: it crosses the border of S at least twice. So every flight satisfies all of
-    these, and the optimum is an upper bound. Cuts are added as they are violated; with any of them missing the bound is
-    only weaker. What is returned is not the solver's optimum but the value of its dual solution, computed anew: any
-    multipliers of the right sign give a valid bound, whatever the solver's tolerances, or where it was stopped.
+    Here δS are the edges with one end in S, and [start in S] is 1 if S contains the start, else 0. With one more node, the
+    root, that is joined to the start and to the cell where the flight ends, a flight is a closed walk. If it visits S, which
+    does not contain the root, it enters and leaves S, so it crosses the border of S at least twice. Every flight therefore
+    satisfies all constraints, and the optimum is an upper bound. The last three lines are the cuts. They are added when they
+    are violated; a missing cut only makes the bound weaker. The function does not return the solver's optimum, but computes
+    the value of its dual solution again: any multipliers of the right sign give a valid bound, whatever the tolerances of the
+    solver are and wherever it was stopped.
     """
     deadline = time.process_time() + seconds
     mask = np.asarray(targets) != 0
@@ -121,20 +124,20 @@ def coverage_bound(
 
 
 class _Problem:
-    """An episode as a graph: its nodes are the cells from which one can be home in time, numbered row by row.
+    """An episode as a graph. Its nodes are the cells that a UAV can visit and still land in time, numbered row by row.
 
     Attributes
     ----------
     number : ndarray of int32, shape (M, N)
         The node of a cell; −1 where there is none.
     edges : ndarray of int32, shape (E, 2)
-        Nodes side by side.
+        Pairs of nodes whose cells are neighbours.
     landing : list of int
         Nodes in landing zones.
     groups : list of tuple of int
-        For each group of targets the nodes that see it, the same for all of its targets.
+        For each group of targets the nodes that see them; all targets of a group are seen from the same nodes.
     weights : ndarray of float64, shape (G,)
-        Targets in a group.
+        The number of targets in each group.
     """
 
     def __init__(self, scenario: Scenario, start: Cell, budget: int, targets: NDArray[np.bool_]) -> None:
@@ -161,7 +164,7 @@ class _Problem:
     def _viewers(
         self, views: NDArray[np.uint64], size: int, viewing: NDArray[np.bool_], targets: NDArray[np.bool_]
     ) -> list[tuple[int, ...]]:
-        """Return for every target that ``viewing`` cells see their nodes."""
+        """Return for every target that is seen from any of the cells ``viewing`` the nodes of those cells."""
         viewers: dict[tuple[int, int], list[int]] = {}
         for bit in range(size * size):
             down, right = bit // size - size // 2, bit % size - size // 2
@@ -172,15 +175,15 @@ class _Problem:
         return [tuple(sorted(viewers[cell])) for cell in sorted(viewers)]
 
     def path(self, plan: Sequence[Cell]) -> list[int]:
-        """Return the nodes of a plan, or raise a ValueError that says why it is none."""
+        """Return the nodes of a plan; raise a ValueError if it is not a flight of this episode."""
         city = self._city
         if not plan or tuple(plan[0]) != tuple(self.start):
             raise ValueError(f"plan: it does not begin at the start, {self.start}")
         if len(plan) > self.budget:
-            raise ValueError(f"plan: {len(plan) - 1} actions and a landing do not fit the budget, {self.budget}")
+            raise ValueError(f"plan: {len(plan) - 1} actions and a landing exceed the budget, {self.budget}")
         for r, c in plan:
             if not (0 <= r < city.shape[0] and 0 <= c < city.shape[1]) or city.no_fly[r, c]:
-                raise ValueError(f"plan: nobody may fly at {(r, c)}")
+                raise ValueError(f"plan: the cell {(r, c)} is off the map or a no-fly cell")
         for (r, c), (y, x) in itertools.pairwise(plan):
             if abs(r - y) + abs(c - x) > 1:
                 raise ValueError(f"plan: {(y, x)} is not one move from {(r, c)}")
@@ -193,7 +196,7 @@ class _Problem:
         return int(self.weights @ self.seen(self.path(plan)))
 
     def seen(self, path: list[int]) -> NDArray[np.bool_]:
-        """Return which groups a path covers."""
+        """Return which groups of targets a path covers."""
         visited = set(path[1:])
         return np.array([not visited.isdisjoint(viewers) for viewers in self.groups], dtype=np.bool_)
 
@@ -201,14 +204,14 @@ class _Problem:
 class _Program:
     """The linear program, with the cuts found so far.
 
-    Its columns are y of the G groups, z of the E edges, w of the landing cells, and last a constant 1, the root's edge to
-    the start. z, w and the 1 are the edges of a graph: the problem's, with the root as one more node. Its rows are the
-    budget, Σ w = 1, and the cuts.
+    Its columns are y of the G groups, z of the E edges, w of the landing cells, and a last column that is always 1, for the
+    edge from the root to the start. The columns z, w and the last one are the edges of a graph: that of the problem, with the
+    root as one more node. The rows are the budget, Σ w = 1, and the cuts.
 
     Attributes
     ----------
     terminal : ndarray of int64, shape (T,)
-        The columns that cuts are for: groups, landing cells, and the start.
+        The columns that have cuts: the groups, the landing cells, and the last column (the start).
     """
 
     def __init__(self, problem: _Problem) -> None:
@@ -252,13 +255,13 @@ class _Program:
         return highs
 
     def first_point(self) -> NDArray[np.float64]:
-        """Return the wish to cover everything without a move."""
+        """Return the point with which everything is covered without a move: it violates many cuts."""
         point = np.zeros(self._columns)
         point[: self._z.start] = point[-1] = 1.0
         return point
 
     def point_of(self, plan: Sequence[Cell]) -> NDArray[np.float64]:
-        """Return the columns' values of a plan: a point that satisfies all cuts."""
+        """Return the values of the columns for a plan: a point that satisfies all cuts."""
         problem, point = self._problem, np.zeros(self._columns)
         path = problem.path(plan)
         point[: self._z.start] = problem.seen(path)
@@ -280,11 +283,11 @@ class _Program:
             return 0
         terminal = self.terminal[which]
         groups = terminal < self._z.start
-        # Groups with the same set share a row: the mean of theirs, by their weights. What is no group has its own.
+        # Groups with the same set share one row, the mean of their rows by weight. Landing cells and the start have their own.
         apart = np.where(groups, 0, terminal).astype(np.int32)[:, None].view(np.uint8)
         sets = np.concatenate([np.packbits(inside, axis=1), apart], axis=1)
         _, kept, row = np.unique(sets, axis=0, return_index=True, return_inverse=True)
-        row = row.reshape(-1)  # NumPy 2.0 returns it with as many dimensions as ``sets``
+        row = row.reshape(-1)  # in NumPy 2.0 it has as many dimensions as ``sets``
         count, order = len(kept), np.argsort(row, kind="stable")
         weight = np.where(groups, self._value[terminal], 1.0)
         share = weight / np.bincount(row, weight)[row]
@@ -295,7 +298,7 @@ class _Program:
         return count
 
     def solve(self, seconds: float) -> tuple[float, NDArray[np.float64] | None]:
-        """Solve for at most ``seconds``; return a valid bound, and the optimum unless the time was up."""
+        """Solve for at most ``seconds``; return a valid bound, and the optimal point, or None if the solver did not finish."""
         highs = self._highs
         highs.setOptionValue("time_limit", highs.getRunTime() + max(seconds, 0.01))
         highs.run()
@@ -308,11 +311,11 @@ class _Program:
         return bound, np.array(solution.col_value)
 
     def _dual_bound(self, duals: NDArray[np.float64]) -> float:
-        """Return the bound of weak duality: the greatest value within the columns' bounds alone, rows in the objective.
+        """Return the bound of weak duality: the rows are moved into the objective, and only the columns' bounds remain.
 
         For multipliers ν ≥ 0 of the budget, π of Σ w = 1 and μ ≥ 0 of the cuts a·x ≥ 0, every x that satisfies the rows has
-        value(x) ≤ value(x) + ν (b − 1 − Σ z) + π (1 − Σ w) + Σ μ a·x. What is saved has no value in this bound: the
-        multiplier of the budget takes it in.
+        value(x) ≤ value(x) + ν (b − 1 − Σ z) + π (1 − Σ w) + Σ μ a·x. Here value(x) does not include what unused moves are
+        worth to the solver (``_SAVING``); this is added to the multiplier of the budget instead.
         """
         budget, landing, cuts = max(0.0, -duals[0]) + _SAVING, -duals[1], np.maximum(duals[2:], 0.0)
         reduced = self._value.copy()
@@ -326,7 +329,7 @@ class _Program:
         return float(budget * self._moves + landing + np.maximum(reduced * self._lower, reduced * self._upper).sum())
 
     def _drop(self, loose: NDArray[np.bool_]) -> None:
-        """Forget the cuts that are ``loose``: the optimum is the same without them, and faster to find."""
+        """Delete the cuts that are ``loose``: without them the optimum is the same, and is found faster."""
         rows = np.flatnonzero(loose)
         if len(rows):
             self._highs.deleteRows(len(rows), (rows + 2).astype(np.int32))
@@ -334,7 +337,7 @@ class _Program:
 
 
 def _relax(problem: _Problem, plan: Sequence[Cell] | None, covered: int, deadline: float) -> tuple[int, int]:
-    """Return the bound by cuts, and the linear programs it took; stop when it is what the plan covers."""
+    """Return the bound by cuts and the number of linear programs solved; stop when the plan covers as much as the bound."""
     program = _Program(problem)
     centre = None if plan is None else program.point_of(plan)
     point: NDArray[np.float64] | None = program.first_point()

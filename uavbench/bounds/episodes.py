@@ -1,4 +1,4 @@
-"""Upper bounds of a scenario's test episodes, many at once."""
+"""Upper bounds of many test episodes of a scenario."""
 
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from uavbench.planning import coverage
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.scenario import Scenario, ScenarioError
 
-_PLAN_CHANGES = 500_000  # of the search for a plan where no result has one
+_PLAN_CHANGES = 500_000  # that the search for a plan tries, if no result has a flight that lands
 
 Cell = tuple[int, int]
 
@@ -32,7 +32,7 @@ class EpisodeBound(NamedTuple):
 
 
 def check_boundable(scenario: Scenario) -> None:
-    """Refuse a scenario that has no bounds."""
+    """Raise a ScenarioError if bounds cannot be computed for a scenario."""
     if scenario.team:
         raise ScenarioError(f"{scenario.id}: uavs: bounds are for scenarios of one UAV")
     if scenario.mission.kind not in ("coverage", "harvesting"):
@@ -42,22 +42,22 @@ def check_boundable(scenario: Scenario) -> None:
 def bound_episodes(
     scenario: Scenario, numbers: Sequence[int], known: Reference, results: Iterable[Result], seconds: float, workers: int = 1
 ) -> Generator[EpisodeBound]:
-    """Bound test episodes, yielding each as it is done.
+    """Compute upper bounds of test episodes, and yield each when it is ready.
 
     Parameters
     ----------
     scenario : Scenario
-        Of one UAV.
+        A scenario for one UAV.
     numbers : sequence of int
-        Which episodes.
+        The numbers of the episodes.
     known : Reference
-        Where all data have been collected, the bound of DH is not sought below them.
+        What is known so far. In DH, no lower bound than all data is sought for episodes in which all data have been collected.
     results : iterable of Result
-        In CPP the best of their flights helps the bound; where there is none, a quick search does.
+        In CPP, the best flight of an episode in these results is the plan for its bound; without one, a quick search makes it.
     seconds : float
         Processor time that each bound may take.
     workers : int
-        Processes.
+        The number of processes.
     """
     flights = _best_flights(results) if scenario.mission.kind == "coverage" else {}
     tasks = [(number, known.get(number, Known(number)).best_known, flights.get(number)) for number in numbers]
@@ -71,7 +71,7 @@ def bound_episodes(
 
 @dataclass(frozen=True)
 class _Bounder:
-    """Bounds an episode, in whichever process."""
+    """Computes the bound of an episode, in this process or in a worker."""
 
     scenario: Scenario
     seconds: float
@@ -82,7 +82,7 @@ class _Bounder:
 
 
 def _best_flights(results: Iterable[Result]) -> dict[int, NDArray[np.uint8]]:
-    """Return for every episode the actions of the best flight of all results that lands."""
+    """Return for every episode the actions of the best flight in all results, among those that land."""
     best: dict[int, tuple[float, NDArray[np.uint8]]] = {}
     for result in results:
         actions, table = result.actions(), result.episodes()
@@ -95,7 +95,7 @@ def _best_flights(results: Iterable[Result]) -> dict[int, NDArray[np.uint8]]:
 
 
 def _bound(scenario: Scenario, number: int, best: float, actions: NDArray[np.uint8] | None, seconds: float) -> EpisodeBound:
-    """Bound one episode."""
+    """Return the bound of one episode."""
     simulator = Simulator(scenario, 1)
     simulator.reset([0], SPLIT, [number])
     state = simulator.state
@@ -111,12 +111,12 @@ def _bound(scenario: Scenario, number: int, best: float, actions: NDArray[np.uin
         plan = coverage.search(scenario, state.target[0], [start], [budget], seed=number, moves=_PLAN_CHANGES).flights[0]
     else:
         fly_recorded(scenario, SPLIT, number, actions, lambda simulator: plan.append(_cell(simulator.state.position)))
-        plan.pop()  # it landed where it was
+        plan.pop()  # the last action landed, in the same cell
     covered = coverage_bound(scenario, start, budget, state.target[0], plan, seconds)
     return EpisodeBound(number, covered.cr, covered.method)
 
 
 def _cell(position: NDArray[np.int32]) -> Cell:
-    """Return where the only UAV of the only slot is."""
+    """Return the cell of the only UAV in the only slot."""
     r, c = position[0, 0].tolist()
     return r, c

@@ -1,4 +1,4 @@
-"""Cuts between a root and sets of nodes, by maximum flow (Ford and Fulkerson 1956, Edmonds and Karp 1972)."""
+"""Cuts between sets of nodes and a root, by maximum flow (Ford and Fulkerson 1956, Edmonds and Karp 1972)."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavbench.world.kernel import kernel
 
-_TINY = 1e-9  # capacity left that no longer counts: what it does to a cut is a matter of quality, never of validity
+_TINY = 1e-9  # remaining capacity that counts as none: it may make a cut weaker, but never invalid
 
 
 class Network(NamedTuple):
@@ -47,32 +47,32 @@ def violated_cuts(
     tolerance: float,
     nested: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
-    """Return sets of nodes around terminals that are cut off from ``root`` by less than they demand.
+    """Return sets of nodes around terminals whose cut to ``root`` has less capacity than the terminals demand.
 
     Parameters
     ----------
     graph : Network
         n nodes, m edges.
     capacity : ndarray of float64, shape (m,)
-        Of every edge, in both directions together.
+        The capacity of every edge, in both directions together.
     root : int
         A node.
     first, members : ndarray of int32, shapes (T + 1,) and (any,)
-        The nodes of terminal t are ``members[first[t]:first[t + 1]]``; the root is none of them.
+        The nodes of terminal t are ``members[first[t]:first[t + 1]]``; the root is not one of them.
     demand : ndarray of float64, shape (T,)
-        The capacity that every set around a terminal should be connected by.
+        The capacity that the cut of every set around a terminal should have.
     tolerance : float
-        By how much a cut must fall short to count.
+        By how much the capacity of a cut must be below the demand.
     nested : int
-        How many times the cuts of a terminal are looked for, those found before opened; two each time, the one nearest to
-        the root and the one nearest to the terminal.
+        How many times cuts of a terminal are sought. Each time there are at most two, the one nearest to the root and the one
+        nearest to the terminal; before the next time, the capacity of their edges is raised to the demand.
 
     Returns
     -------
     terminal : ndarray of int32, shape (C,)
-        Which terminal a set surrounds.
+        The terminal of each set.
     inside : ndarray of bool, shape (C, n)
-        The sets: all of the terminal's nodes, and not the root.
+        The sets. Each contains all nodes of its terminal, and not the root.
     """
     nodes, terminals = len(graph.first) - 1, len(first) - 1
     terminal = np.empty(2 * nested * terminals, dtype=np.int32)
@@ -111,22 +111,23 @@ def cut_rows(
     terminal: NDArray[np.int64],
     share: NDArray[np.float64],
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Return the rows x(δS) − 2 Σ share x_t of a sparse matrix: where they begin, their columns and values.
+    """Return the rows x(δS) − 2 Σ share x_t of a sparse matrix: where they begin, their columns and their values.
 
     Parameters
     ----------
     ends : ndarray of int32, shape (m, 2)
-        Of the edges; edge e is the column ``offset`` + e.
+        The ends of the edges; edge e has the column ``offset`` + e.
     inside : ndarray of bool, shape (C, n)
         The sets S.
     offset : int
-        The columns before the edges'.
+        The number of columns before those of the edges.
     first : ndarray of int64, shape (C + 1,)
-        What set k is around are the columns ``terminal[first[k]:first[k + 1]]``: several, or one, which may be an edge's.
+        The terminals t of set k are the columns ``terminal[first[k]:first[k + 1]]``: several columns before ``offset``, or one,
+        which may be the column of an edge.
     terminal : ndarray of int64
-        Columns.
+        The columns of the terminals.
     share : ndarray of float64
-        Of each of them; those of a set sum to 1.
+        The share of each terminal; the shares of a set sum to 1.
     """
     crossing = np.empty(len(ends), dtype=np.int32)
     begin = np.zeros(len(inside) + 1, dtype=np.int32)
@@ -150,7 +151,7 @@ def cut_rows(
 
 @kernel
 def _cross(ends: NDArray[np.int32], inside: NDArray[np.bool_], crossing: NDArray[np.int32]) -> int:
-    """Write the edges with one end ``inside``; return how many."""
+    """Write the edges with exactly one end ``inside`` to ``crossing``; return how many."""
     count = 0
     for e in range(len(ends)):
         crossing[count] = e
@@ -172,8 +173,8 @@ def _send(
 ) -> float:
     """Augment ``flow`` from the sources to the root by at most ``most``, along shortest paths; return by how much.
 
-    Leaves in ``reached`` the nodes that the sources could still send to. Searching from their side is fast: what cuts a
-    terminal off is mostly close to it.
+    If that is less than ``most``, the flow is a maximum, and ``reached`` holds the nodes that the sources could still send to.
+    Searching from the sources is fast, because the cut of a terminal is mostly close to it.
     """
     sent = 0.0
     while sent < most - _TINY:
@@ -223,7 +224,7 @@ def _mark_reaching(
     reaching: NDArray[np.bool_],
     queue: NDArray[np.int32],
 ) -> None:
-    """Mark in ``reaching`` the nodes that could still send to the root."""
+    """Set ``reaching`` to whether each node could still send to the root."""
     reaching[:] = False
     reaching[root] = True
     queue[0] = root

@@ -1,7 +1,7 @@
-"""Upper bound of DH: how much data no policy can expect to collect on one episode. Proofs: docs/bounds.md.
+"""Upper bound of DH: an amount of data that no policy can exceed in expectation on one episode. Proofs: docs/bounds.md.
 
-The data of a device are given a price in every cell: low near the device, high far from it. Whatever the prices, they make a
-bound, which is the longest walk through time; the best prices are sought by gradient descent.
+The data of each device have a price in every cell: low near the device, high far from it. Any prices give a valid bound, which
+is computed as a longest path in the graph of time and cells; good prices are found by gradient descent.
 """
 
 import math
@@ -19,36 +19,36 @@ from uavbench.world.scenario import Scenario
 
 Cell = tuple[int, int]
 
-_ROUNDING = 1e-9  # relative: far more than floating point loses in sums of some thousand positive numbers
-_NORMALS = np.array([-3.0, -2.0, -1.25, -0.5, 0.25, 1.0, 1.75, 2.5, 3.5, 6.0])  # what stands for a normal variable
+_ROUNDING = 1e-9  # relative: far more than the rounding error in sums of some thousand positive numbers
+_NORMALS = np.array([-3.0, -2.0, -1.25, -0.5, 0.25, 1.0, 1.75, 2.5, 3.5, 6.0])  # values that stand for a normal variable
 
-# Of the descent: from the first to the last round these fall geometrically.
-_TEMPERATURE = (1.0, 0.02)  # data units: how much worse than the best a flight may be and still count
-_BEND = (0.02, 0.0005)  # below such a fall of price its charge is a parabola
+# Parameters of the descent. The pairs are values in the first and the last round; in between they fall geometrically.
+_TEMPERATURE = (1.0, 0.02)  # data units: flights that are worse than the best by about this much still count
+_BEND = (0.02, 0.0005)  # the charge for a smaller fall of the price is a parabola, which makes the charge smooth
 _STEP = (0.01, 0.0005)
-_CELLS = 0.3  # a cell's step, as a share of a ring's
-_MEAN, _SQUARE = 0.9, 0.98  # of Adam
-_EVERY = 10  # rounds between two bounds
-_HOPELESS = 1.2  # bounds that are as many times all data after a third of the rounds hardly ever fall below all data
+_CELLS = 0.3  # the step of a cell's own part of the price, relative to the step of the part that depends on the distance
+_MEAN, _SQUARE = 0.9, 0.98  # β₁ and β₂ of Adam
+_EVERY = 10  # rounds between two evaluations of the bound
+_HOPELESS = 1.2  # a bound of more than 1.2 times all data after a third of the rounds hardly ever falls below all data
 _RINGS = np.array([0, 1, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 30, 45, 200])  # moves from a device
-_RISE = 0.03  # of price, from each of the first _STEEP rings to the next, to begin with
+_RISE = 0.03  # how much the price rises at the beginning from each of the first _STEEP rings to the next
 _STEEP = 8
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What no policy can exceed on one episode of DH, on average over the fading.
+    """An upper bound for all policies on one episode of DH, on average over the fading.
 
     Attributes
     ----------
     value : float
-        Data units that a policy which lands collects.
+        Data units: a policy that lands cannot collect more on average.
     cr : float
-        The same as a fraction of all data: the mean of CRAL cannot exceed it, either.
+        The same as a fraction of all data. The mean of CRAL cannot exceed it, either.
     method : {"data", "rates", "prices"}
-        What gave the bound: all data there are, the rates of a flight without regard to what is left, or prices.
+        What gave the bound: all data there are, the rates on a flight without regard to the data left, or prices.
     rounds : int
-        Rounds of the descent.
+        The number of rounds of the descent.
     """
 
     value: float
@@ -67,12 +67,12 @@ def harvesting_bound(
     rounds: int = 600,
     seconds: float = math.inf,
 ) -> Bound:
-    """Return an upper bound of the data that a landing policy collects, on average over the fading.
+    """Return an upper bound of the data that a policy which lands can collect, on average over the fading.
 
     Parameters
     ----------
     scenario : Scenario
-        Of DH, for one UAV.
+        A DH scenario for one UAV.
     start : (int, int)
         The landing cell where the episode starts.
     budget : int
@@ -80,25 +80,27 @@ def harvesting_bound(
     devices : ndarray of int, shape (K, 2)
         The devices' cells.
     data : ndarray of float, shape (K,)
-        Their data units.
+        The data units of each device.
     planned : float, optional
-        What is known to be possible, in data units. It never changes what is valid: a bound as low is not improved on.
+        Data units that are known to be possible. The bound is valid for any value; the descent stops when the bound is as low.
     rounds : int
-        Rounds of the descent. More make the bound better.
+        The number of rounds of the descent. More rounds give a better bound.
     seconds : float
         Processor time to spend. The bound is valid whenever it stops.
 
     Notes
     -----
     Let s be the start, D_d the data of device d, and R_d its rate in a communication step at a position, which is random.
-    Given the price u_d(c) ∈ [0, 1] of a data unit of every device in every cell, no policy expects more than ::
+    Let u_d(c) ∈ [0, 1] be the price of a data unit of device d in cell c. For any prices, no policy can collect more on average
+    than ::
 
         Σ D_d (1 − u_d(s)) + max over flights of Σ over their actions, from cell p to cell q, of
             Σ D_d max(0, u_d(p) − u_d(q)) + Σ over the communication steps of E max_d min(u_d(p), u_d(q)) R_d
 
-    since a unit that is served in a cell is priced u_d there, and what its price lacks to 1 is paid for all D_d units, once, on
-    the way to that cell: u_d falls by as much. The maximum is a longest walk through time, found by dynamic programming.
-    Every such bound is valid. A smooth version of it is minimised over the prices by Adam (Kingma and Ba, ICLR 2015).
+    because a data unit that is served in an action from p to q counts with the price min(u_d(p), u_d(q)), and the difference
+    between this price and 1 is charged for all D_d units: 1 − u_d(s) at the start, and the rest where u_d falls on the flight.
+    The maximum is a longest path in the graph of time and cells, found by dynamic programming. A smooth version of the bound is
+    minimised over the prices by Adam (Kingma and Ba, ICLR 2015).
     """
     deadline = time.process_time() + seconds
     data = np.asarray(data, dtype=np.float64)
@@ -119,16 +121,17 @@ def harvesting_bound(
 
 
 class _Problem:
-    """An episode: a graph, what can be collected in each position, and arrays that every round fills again.
+    """An episode: a graph, the rates at each position, and arrays that every round fills again.
 
     Attributes
     ----------
     graph : Graph
-        Where one flies.
+        The cells that a flight can visit.
     data : ndarray of float64, shape (K,)
         Data units of each device.
     rings : ndarray of float64, shape (n, K, G)
-        How far beyond each of the ``_RINGS`` around a device a cell is, as a share of the way to the next; first a 1.
+        For each of n cells and K devices a 1, and then for each of the ``_RINGS`` around the device how far the cell is on the
+        way to the next ring, from 0 (not beyond the ring) to 1 (at the next ring or beyond).
     """
 
     def __init__(
@@ -157,12 +160,12 @@ class _Problem:
         self._policy = np.zeros((budget, n, 5), dtype=np.float32)
 
     def look_at(self, price: NDArray[np.float64]) -> None:
-        """Take the prices, shape (n, K), that are asked about next."""
+        """Set the prices, shape (n, K), for the next calls of `bound` and `gradient`."""
         self._price = price
         fill_yields(self.graph, self._rates, self._steps, price, self._chances, self._yields, self._slope)
 
     def bound(self) -> float:
-        """Return the bound that the prices prove."""
+        """Return the bound that the prices give."""
         fill_gains(self.graph, self._price, self.data, self._yields, 0.0, self._gain)
         lacking = float(self.data @ (1.0 - self._price[self.graph.start]))
         return (lacking + longest(self.graph, self._gain) + self._missed) * (1.0 + _ROUNDING)
@@ -185,7 +188,7 @@ def _graph_of(city: City, usable: NDArray[np.bool_], away: NDArray[np.int32], st
 
 
 def _positions(cells: NDArray[np.float64], graph: Graph, steps: int) -> NDArray[np.float64]:
-    """Return where there is communication: all cells, and ``steps`` − 1 positions within each move to the east or south."""
+    """Return the positions of communication: all cells, and ``steps`` − 1 positions within each move to the east or south."""
     here, action = np.nonzero(graph.beside[:, EAST : SOUTH + 1] >= 0)
     first, second = cells[here, None], cells[graph.beside[here, EAST + action], None]
     shares = np.arange(1, steps)[:, None] / steps
@@ -193,10 +196,11 @@ def _positions(cells: NDArray[np.float64], graph: Graph, steps: int) -> NDArray[
 
 
 def _spread(nodes: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Return chances of ``nodes`` that stand for a normal variable N wherever a convex function's mean is bounded.
+    """Return probabilities of ``nodes`` that replace a standard normal variable N in an upper bound of a function's mean.
 
-    N below the first node counts as that node; the part of N between two nodes is moved to both, its mean kept. What N exceeds
-    the last node by, on average, is returned besides.
+    For an increasing convex function the mean does not become smaller: values of N below the first node are moved to it, and
+    values between two nodes are moved to both of them, so that their mean is kept. The part beyond the last node is bounded
+    separately; for this, E max(0, N − last node) is returned, too.
     """
     exceeded = np.array([math.exp(-x * x / 2) / math.sqrt(2 * math.pi) - x * math.erfc(x / math.sqrt(2)) / 2 for x in nodes])
     above = -np.diff(exceeded) / np.diff(nodes)  # the mean of P(N > x) between two nodes
@@ -212,7 +216,7 @@ class _Adam:
         self._mean_weight = self._square_weight = 0.0
 
     def descend(self, slope: NDArray[np.float64], pace: float) -> None:
-        """Change the values, by about ``pace`` each."""
+        """Change each value by about ``pace``, against its ``slope``."""
         self._mean += (1.0 - _MEAN) * (slope - self._mean)
         self._square += (1.0 - _SQUARE) * (slope * slope - self._square)
         self._mean_weight += (1.0 - _MEAN) * (1.0 - self._mean_weight)
@@ -221,9 +225,9 @@ class _Adam:
 
 
 def _descend(problem: _Problem, planned: float, rounds: int, deadline: float) -> tuple[float, int]:
-    """Return the best bound found, and the rounds it took; stop when it is what is ``planned``.
+    """Return the best bound found and the number of rounds; stop when the bound is not above ``planned``.
 
-    A price is the sum of a part that depends on the moves from the device alone and one that is the cell's own.
+    A price is the sum of a part that depends only on the number of moves from the device, and of a part of the cell's own.
     """
     by_ring, by_cell = _Adam(np.zeros(problem.rings.shape[1:])), _Adam(np.zeros(problem.rings.shape[:2]))
     by_ring.values[:, 1 : _STEEP + 1] = _RISE
@@ -239,7 +243,7 @@ def _descend(problem: _Problem, planned: float, rounds: int, deadline: float) ->
         if used % _EVERY == 0 or used == rounds - 1:
             best = min(best, problem.bound())
         slope = problem.gradient(temperature, bend)
-        slope *= (slope > 0.0) & (price > 0.0) | (slope < 0.0) & (price < 1.0)  # beyond 0 and 1 only the way back counts
+        slope *= (slope > 0.0) & (price > 0.0) | (slope < 0.0) & (price < 1.0)  # prices must not move away from [0, 1]
         by_ring.descend(np.einsum("nkg,nk->kg", problem.rings, slope), step)
         np.maximum(by_ring.values, 0.0, out=by_ring.values)
         by_cell.descend(slope, step * _CELLS)

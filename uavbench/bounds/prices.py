@@ -1,4 +1,4 @@
-"""What prices prove, compiled: the yields of actions, flights through time, and the gradient. See docs/bounds.md."""
+"""The kernels of the bound by prices: yields of actions, the longest flight, and the gradient. See docs/bounds.md."""
 
 import math
 from typing import NamedTuple
@@ -10,23 +10,23 @@ from uavbench.simulation.missions.channel import Channel, log_snr_of
 from uavbench.world.city import EAST, HOVER, SOUTH
 from uavbench.world.kernel import kernel
 
-_LEAST = 1e-14  # a chance, or the weight of a flight, that no longer counts
-_NEGLIGIBLE = -20.0  # and its logarithm, in one step
+_LEAST = 1e-14  # smaller probabilities, and smaller weights of flights, are ignored
+_NEGLIGIBLE = -20.0  # actions are ignored if the logarithm of their weight is this much below that of the best action
 
 
 class Graph(NamedTuple):
-    """The n cells from which one can be home in time, numbered row by row.
+    """The n cells that a UAV can visit and still land in time, numbered row by row.
 
     Attributes
     ----------
     beside : ndarray of int32, shape (n, 5)
-        The cell to which each action leads, from north to hovering; −1 where there is none.
+        The cell to which each action from north to hover leads; −1 if it leads to none of the n cells.
     away, home : ndarray of int32, shape (n,)
         Moves from the start, and to the nearest landing cell.
     start : int
-        The cell of the start.
+        The number of the start cell.
     actions : int
-        How many there are before the landing.
+        The number of actions before the landing.
     """
 
     beside: NDArray[np.int32]
@@ -45,7 +45,7 @@ def fill_rates(
     nodes: NDArray[np.float64],
     rates: NDArray[np.float64],
 ) -> None:
-    """Write the rate of every device in every position if the fading is at each of ``nodes`` times its deviation."""
+    """Write the rate of every device at every position, if the fading is each of ``nodes`` times its standard deviation."""
     for i in range(len(positions)):
         r, c = positions[i]
         y, x = round(r), round(c)
@@ -65,10 +65,11 @@ def add_most(
     chance: NDArray[np.float64],
     number: NDArray[np.int64],
 ) -> float:
-    """Return E max_d price_d R_d, and add its derivatives by the prices, shape (K,), to ``slope``.
+    """Return E max_d price_d R_d, and add its derivatives with respect to the prices, shape (K,), to ``slope``.
 
-    ``rates`` (K, J) are the values of the R_d, which are independent, in ascending order. They are gone through from the
-    highest down. ``chance`` (K,) and ``number`` (2, K) are scratch space.
+    The R_d are independent. Their values ``rates`` (K, J) are in ascending order and have the probabilities ``chances`` (J,).
+    The kernel goes through the products price_d R_d from the highest down. ``chance`` (K,) and ``number`` (2, K) are scratch
+    space.
     """
     count, last = rates.shape[0], rates.shape[1] - 1
     least = 0.0
@@ -76,13 +77,13 @@ def add_most(
         least = max(least, price[d] * rates[d, 0])
     able, at = number
     some = 0
-    for d in range(count):  # most devices are never the best of all
+    for d in range(count):  # most devices can never be the best, and are left out
         if price[d] * rates[d, last] > least or (least > 0.0 and price[d] * rates[d, 0] == least):
             able[some] = d
             at[d] = last
             chance[d] = 1.0
             some += 1
-    mean, below = 0.0, 1.0  # the product of ``chance``: that no value already passed is one's
+    mean, below = 0.0, 1.0  # ``below`` is the product of ``chance``: the probability that no device has a value passed so far
     while some > 0:
         d, highest = 0, -1.0
         for i in range(some):
@@ -111,9 +112,9 @@ def fill_yields(
     yields: NDArray[np.float64],
     slope: NDArray[np.float64],
 ) -> None:
-    """Write what each action, from each cell, yields at most: Σ over the steps of E max_d min(u_d(p), u_d(q)) R_d.
+    """Write what each action yields from each cell: Σ over the communication steps of E max_d min(u_d(p), u_d(q)) R_d.
 
-    And the derivatives by that minimum.
+    Also write to ``slope`` its derivatives with respect to these minima, one for each device.
     """
     n, count = price.shape
     chance, number, low, inner = np.empty(count), np.empty((2, count), np.int64), np.empty(count), np.empty(count)
@@ -149,7 +150,7 @@ def fill_gains(
     bend: float,
     gain: NDArray[np.float64],
 ) -> None:
-    """Write what each action gains: what it yields, and the charge of the falls of price."""
+    """Write the gain of each action: its yield, and the charge for each price that falls; −∞ where there is no next cell."""
     for c in range(len(price)):
         for action in range(5):
             q = graph.beside[c, action]
@@ -166,7 +167,7 @@ def fill_gains(
 
 @kernel
 def longest(graph: Graph, gain: NDArray[np.float64]) -> float:
-    """Return the most that a flight gains which is at a landing cell after all its actions."""
+    """Return the largest sum of gains of a flight that is at a landing cell after all its actions."""
     n = len(gain)
     value, new = np.where(graph.home == 0, 0.0, -math.inf), np.empty(n)
     for left in range(1, graph.actions + 1):
@@ -190,10 +191,10 @@ def fly(
     policy: NDArray[np.float32],
     often: NDArray[np.float64],
 ) -> None:
-    """Write how often each action is flown, from each cell, by flights weighted with e^(gain / temperature).
+    """Write how often each action is flown from each cell, as a mean over flights with the weights e^(gain / temperature).
 
-    These are the derivatives of temperature · ln Σ e^(gain / temperature), which the maximum is replaced by. ``policy`` is
-    scratch space.
+    These are the derivatives of temperature · ln Σ e^(gain / temperature), which replaces the maximum over flights. ``policy``
+    is scratch space.
     """
     n = len(gain)
     value, new, weight = np.where(graph.home == 0, 0.0, -math.inf), np.empty(n), np.empty(5)
@@ -239,7 +240,7 @@ def fill_gradient(
     often: NDArray[np.float64],
     gradient: NDArray[np.float64],
 ) -> None:
-    """Write the derivatives of the smooth bound by the prices."""
+    """Write the derivatives of the smooth bound with respect to the prices."""
     gradient[:] = 0.0
     gradient[graph.start] = -data
     for c in range(len(price)):

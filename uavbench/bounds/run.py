@@ -1,4 +1,4 @@
-"""Bounding a scenario's test episodes from beginning to end; what is done is kept whenever it is interrupted."""
+"""Computing and saving upper bounds of a scenario's test episodes; after an interruption the finished bounds are kept."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,36 +30,36 @@ def run_bounds(
     on_start: Callable[[int], None] = lambda episodes: None,
     on_known: Callable[[Known], None] = lambda known: None,
 ) -> Reference:
-    """Bound test episodes, take the best scores of results, and keep both in ``out``/<scenario>.csv.
+    """Compute upper bounds of test episodes, take the best scores of results, and save both in ``out``/<scenario>.csv.
 
-    Goes on from that file, or from the scenario's own reference: bounds that are proved optimal, or were allowed ``seconds``
-    already, are kept, and of others the lower one counts.
+    It continues from that file, or from the scenario's own reference if there is no such file. Bounds that are proved optimal,
+    or that were already allowed ``seconds``, are kept; the others are computed again, and the lower bound counts.
 
     Parameters
     ----------
     scenario : Scenario
-        Of one UAV.
+        A scenario for one UAV.
     episodes : int, optional
-        Bound episodes 0 to ``episodes`` − 1; None for all.
+        The bounds are those of episodes 0 to ``episodes`` − 1; None for all.
     results : sequence of Result
-        Of agents on the test split.
+        Results of agents on the test split.
     out : Path
-        A folder.
+        The folder of the file.
     seconds : float
         Processor time that each bound may take.
     workers : int
-        Processes.
+        The number of processes.
     on_start : callable
-        Called once, when all is checked, with the number of episodes to bound.
+        Called once after all checks, with the number of episodes whose bounds are to be computed.
     on_known : callable
-        Called with what is known of each episode as it is bounded.
+        Called after each bound with what is known about its episode.
 
     Raises
     ------
     ScenarioError, ResultError
-        When the scenario has no bounds, ``episodes`` is more than it has, a result or file cannot be used.
+        When the scenario has no bounds, has fewer than ``episodes`` test episodes, or a result or file cannot be used.
     ImportError
-        When highspy is missing.
+        When highspy is missing and a bound of CPP needs it.
     """
     check_boundable(scenario)
     size = split_size(scenario, SPLIT)
@@ -80,12 +80,12 @@ def run_bounds(
 
 
 def _is_open(known: Known | None, seconds: float) -> bool:
-    """Say whether an episode is to be bounded."""
+    """Return whether the bound of an episode is to be computed."""
     return known is None or not (known.proved_optimal or known.seconds >= seconds)
 
 
 def _save(path: Path, scenario: Scenario, known: Reference) -> None:
-    """Save, or say what is wrong with ``--out``."""
+    """Save the reference; if that fails, raise a ResultError that names ``--out``."""
     try:
         save_reference(path, scenario, known)
     except OSError as error:

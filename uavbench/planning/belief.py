@@ -1,7 +1,7 @@
-"""What an observation tells of the map: where the UAV is, and what the blurred global map hides.
+"""What observations tell about the map: where the UAV is, and what cells the means of the global map stand for.
 
-The global map shows means over g×g cells, and as the UAV moves they are means over other cells: with what was near they
-tell, after a few moves, most cells apart.
+The global map shows means of blocks of g×g cells, and when the UAV moves, the blocks contain other cells. Together with what
+the local maps have shown, this determines the values of most cells after a few moves.
 """
 
 from typing import Any
@@ -17,13 +17,13 @@ from uavbench.world.scenario import Scenario
 
 Cell = tuple[int, int]
 
-_TINY = 1e-3  # of a data unit: what float32 means may be wrong by
+_TINY = 1e-3  # data units: sums below this are rounding errors of means in float32
 _SWEEPS = 30
-_EVEN = 0.5  # how likely a target is where nothing is known
+_EVEN = 0.5  # the probability of a target in a cell of which nothing is known
 
 
 def places(scenario: Scenario) -> dict[bytes, Cell]:
-    """Return the cell by the static layers of the global map, as bytes: on the paper's maps no two cells look alike."""
+    """Return the UAV's cell, keyed by the static layers of its global map as bytes: on the paper's maps these are unique."""
     cells = np.argwhere(~city_of(scenario).no_fly)
     observer, state = Observer(scenario), new_state(scenario, len(cells), 1)
     state.position[:, 0] = cells
@@ -45,7 +45,7 @@ class _Windows:
         self.scale, self._half = scenario.observation.global_scale, scenario.observation.local_size // 2
 
     def near(self, here: Cell) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-        """Return the slices of the map, and of the local map, that show the same cells."""
+        """Return the slices of the map and of the local map at ``here`` that contain the same cells."""
         on_map: list[slice] = []
         on_local: list[slice] = []
         for at, size in zip(here, self.shape, strict=True):
@@ -55,21 +55,21 @@ class _Windows:
         return (on_map[0], on_map[1]), (on_local[0], on_local[1])
 
     def first(self, here: Cell) -> Cell:
-        """Return the cell, maybe beyond the map's edge, where the first block of the global map begins."""
+        """Return the cell, possibly off the map, where the first block of the global map at ``here`` begins."""
         return here[0] - self.shape[0] + 1, here[1] - self.shape[1] + 1
 
 
 class TargetBelief:
-    """CPP: which cells are targets. A target changes only near the UAV, so what was seen of the rest remains true.
+    """CPP: which cells are targets. Targets change only near the UAV, so what was seen of other cells remains true.
 
     Attributes
     ----------
     known : ndarray of bool, shape (M, N)
-        Cells that were seen from near.
+        Cells that a local map has shown, and buildings.
     first, now : ndarray of float32, shape (M, N)
-        Targets at the start and now, 1 or 0 where ``known``.
+        Targets at the start and now: 1 or 0 where ``known`` is true.
     likely : ndarray of float32, shape (M, N)
-        Elsewhere, how likely a cell is a target, by the sums of all blocks seen, in [0, 1].
+        For other cells, the estimated probability in [0, 1] that the cell is a target, from the sums of all blocks seen.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -79,10 +79,11 @@ class TargetBelief:
         self.first: NDArray[np.float32] = np.zeros(building.shape, np.float32)
         self.now: NDArray[np.float32] = np.zeros(building.shape, np.float32)
         self.likely: NDArray[np.float32] = np.where(building, 0.0, _EVEN).astype(np.float32)
-        self._sums: dict[Cell, tuple[Cell, NDArray[np.float64]]] = {}  # targets in each block at the start, by their offsets
+        # By offset of the blocks: the cell where the first begins, and the number of targets in each block at the start.
+        self._sums: dict[Cell, tuple[Cell, NDArray[np.float64]]] = {}
 
     def learn(self, here: Cell, observation: Observation) -> bool:
-        """Take in what is seen; return whether it tells anything new of what is not near."""
+        """Take in an observation; return whether it tells anything new about cells outside the local map."""
         windows = self._windows
         inside, shown = windows.near(here)
         seen, fresh = observation["local"][3][shown], ~self.known[inside]
@@ -104,7 +105,7 @@ class TargetBelief:
 
 
 class DeviceBelief:
-    """DH: where there are data. What a block is known to hold none of, holds none for ever."""
+    """DH: where data are left. A block that is known to hold no data never holds any again."""
 
     def __init__(self, scenario: Scenario) -> None:
         city: City = city_of(scenario)
@@ -113,7 +114,7 @@ class DeviceBelief:
         self.data: NDArray[np.float64] = np.zeros(city.shape)
 
     def learn(self, here: Cell, observation: Observation) -> bool:
-        """Take in what is seen; return whether the devices are no more those that were believed in."""
+        """Take in an observation; return whether the believed cells of the devices have changed."""
         windows, before = self._windows, self.data > 0.0
         inside, shown = windows.near(here)
         self.data = np.zeros_like(self.data)
@@ -131,7 +132,7 @@ class DeviceBelief:
                 self._possible[block] &= near[block]
                 continue
             cells = np.argwhere(self._possible[block] & ~near[block])
-            if len(cells):  # one device in the middle of where it may be, or where it was believed to be
+            if len(cells):  # believe in one device: where one was believed to be before, or in the middle of the possible cells
                 far = np.abs(cells - cells.mean(axis=0)).sum(axis=1) - 2 * scale * before[block][tuple(cells.T)]
                 self.data[block][tuple(cells[far.argmin()])] = rest[i, j]
         return bool(((self.data > 0.0) != before).any())
@@ -144,7 +145,7 @@ class DeviceBelief:
 
 @kernel
 def _block_sums(values: NDArray[Any], top: int, left: int, scale: int, high: int, wide: int) -> NDArray[np.float64]:
-    """Return the sums of blocks of which the first begins at (top, left), shape (high, wide)."""
+    """Return the sums of the blocks, shape (high, wide); the first block begins at (top, left)."""
     sums = np.zeros((high, wide))
     for r in range(values.shape[0]):
         for c in range(values.shape[1]):
@@ -164,7 +165,7 @@ def _fit(
     scale: int,
     sums: NDArray[np.float64],
 ) -> None:
-    """Scale what is ``likely`` where nothing is known so that every block has its sum (Gordon, Bender, Herman 1970)."""
+    """Scale ``likely`` in the cells that are not known, block by block, to the blocks' sums (Gordon, Bender, Herman 1970)."""
     rows, cols = likely.shape
     for i in range(sums.shape[0]):
         for j in range(sums.shape[1]):

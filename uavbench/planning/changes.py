@@ -1,4 +1,4 @@
-"""Changes of a flight that a search tries."""
+"""The random changes of a flight that a search tries."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +20,13 @@ def propose(
     cursor: NDArray[np.uint64],
     new: NDArray[np.int32],
 ) -> tuple[int, int, int]:
-    """Propose to replace the cells between the places ``first`` and ``after`` of a flight by ``size`` cells in ``new``.
+    """Propose to replace the cells of a flight between the indices ``first`` and ``after`` by ``size`` cells in ``new``.
 
-    The flight are the cells 0 to ``length`` of ``path``, the last one a landing cell. ``aims`` are cells that are worth being
-    near, as long as their ``served`` is 0.
+    The flight consists of the cells 0 to ``length`` of ``path``, and its last cell is a landing cell. ``aims`` are cells that
+    the flight should come near to, as long as their ``served`` is 0.
 
-    Returns ``first``, ``after`` (``length`` + 1 to replace the end too) and ``size`` (−1 for no proposal).
+    Returns ``first``, ``after`` (``length`` + 1 to replace the end too) and ``size`` (−1 for no proposal). The cells ``first``
+    and ``after`` themselves are kept.
     """
     rows = distance.shape[0] // cols
     if hovers and pick(cursor, 3) == 0:
@@ -38,7 +39,7 @@ def propose(
     after = first + 1 + span
     reaches_end = after > length
     here = path[first]
-    if kind >= 94 and not reaches_end:  # fly a piece the other way round
+    if kind >= 94 and not reaches_end:  # fly a part of the flight in the reverse direction
         if span < 2:
             return 0, 0, -1
         size = walk(distance, cols, here, path[after - 1], True, cursor, new, 0)
@@ -76,14 +77,14 @@ def propose(
     size = walk(distance, cols, here, there, straight, cursor, new, size)
     if reaches_end:
         return first, after, size
-    return (first, after, size - 1) if size > 0 else (first, after + 1, 0)  # a loop is left out, with its last cell
+    return (first, after, size - 1) if size > 0 else (first, after + 1, 0)  # a loop is cut out, with its last cell
 
 
 @kernel
 def _propose_hover(
     path: NDArray[np.int32], length: int, cursor: NDArray[np.uint64], new: NDArray[np.int32]
 ) -> tuple[int, int, int]:
-    """Propose to hover more, or less, at a place."""
+    """Propose to hover longer, or less long, in a cell of the flight; as `propose`."""
     first = pick(cursor, length + 1)
     if pick(cursor, 2):
         size = 1 + pick(cursor, 4)

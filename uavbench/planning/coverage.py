@@ -1,7 +1,7 @@
 """Coverage by simulated annealing over whole flights (Kirkpatrick, Gelatt, Vecchi, Science 1983).
 
-A flight is the sequence of cells from the start to a landing cell; it covers what the camera sees from each of them but the
-first. How often each target is seen is kept, so that a change recounts only what it changes.
+A flight is the sequence of cells from the start to a landing cell; it covers what the camera sees from every cell except the
+first. The search keeps how often each target is seen, so that it counts again only what a change affects.
 """
 
 import math
@@ -20,7 +20,7 @@ from uavbench.world.keyed import next_uniform
 from uavbench.world.parameters import Coverage
 from uavbench.world.scenario import Scenario
 
-_LENGTH_PRICE = 0.05  # targets that a move must be worth: shorter flights leave room for more
+_LENGTH_PRICE = 0.05  # targets that a move costs in the search: shorter flights leave budget for other moves
 HOT, _COLD = 2.0, 0.15
 
 
@@ -35,16 +35,16 @@ def search(
     first: Sequence[Sequence[Cell]] | None = None,
     hot: float = HOT,
 ) -> Plan:
-    """Search for the flights that cover most together.
+    """Search for flights that together cover as many targets as possible.
 
     Parameters
     ----------
     scenario : Scenario
         A CPP scenario.
     target : ndarray, shape (M, N)
-        The target map: what is above 0 is still to cover.
+        The target map: cells above 0 are still to cover.
     starts : sequence of (int, int)
-        Where the UAVs are; what one sees from there counts only if it comes back or hovers there.
+        The UAVs' cells. What a UAV sees from there counts only if it hovers there or comes back.
     budgets : sequence of int
         Actions left; each UAV must be able to land with them.
     seed : int
@@ -52,9 +52,9 @@ def search(
     moves : int
         How many changes are tried.
     first : sequence of flights, optional
-        What to start from: as in `Plan`.
+        The flights to start from, as in `Plan`; by default shortest paths to the nearest landing cell.
     hot : float
-        The temperature to begin with, in target cells: a low one only mends ``first``.
+        The initial temperature, in target cells; with a low one, the search only makes small improvements to ``first``.
     """
     city = city_of(scenario)
     seen, number = _targets_seen(scenario, target)
@@ -99,7 +99,7 @@ def _list_seen(
     seen: NDArray[np.int32],
     count: NDArray[np.int32],
 ) -> None:
-    """Write the numbers of the targets in each cell's view."""
+    """Write the numbers of the targets that are in each cell's view."""
     rows, cols = views.shape
     for r in range(rows):
         for c in range(cols):
@@ -127,7 +127,7 @@ def _anneal(
     moves: int,
     hot: float,
 ) -> int:
-    """Anneal the flights in place (cells 0 to ``lengths`` of each row); return what the best of them cover."""
+    """Anneal the flights in place (cells 0 to ``lengths`` of each row); return how many targets the best flights cover."""
     counts = np.zeros(max(1, len(targets)), dtype=np.int32)
     covered = 0
     for u in range(len(paths)):
@@ -174,7 +174,7 @@ def _anneal(
 
 @kernel
 def _add(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
-    """Count what is seen from a cell once more; return how many targets are newly covered."""
+    """Add the targets seen from ``cell`` to ``counts``; return how many of them are newly covered."""
     fresh = 0
     for k in range(number[cell]):
         fresh += int(counts[seen[cell, k]] == 0)
@@ -184,7 +184,7 @@ def _add(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: 
 
 @kernel
 def _remove(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
-    """Count what is seen from a cell once less; return how many targets are no longer covered."""
+    """Subtract the targets seen from ``cell`` from ``counts``; return how many of them are no longer covered."""
     lost = 0
     for k in range(number[cell]):
         counts[seen[cell, k]] -= 1

@@ -1,4 +1,4 @@
-"""Flights: what a search looks for, for one UAV or for a team."""
+"""Flights, the results of a search, for one UAV or for a team."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ class Plan:
     Attributes
     ----------
     flights : list of list of (int, int)
-        For each UAV its cells, from where it is to a landing cell, hovering included; one action less than its budget at
-        most, as landing takes one more.
+        For each UAV the cells from its current cell to a landing cell; where it hovers, its cell is repeated. A flight has at
+        most budget − 1 actions, because landing takes one more.
     value : float
-        What they cover or collect together: target cells, or data units.
+        What the flights cover or collect together: target cells or data units.
     """
 
     flights: list[list[Cell]]
@@ -36,7 +36,10 @@ def pack(
     flights: Sequence[Sequence[Cell]] | None,
     cursor: NDArray[np.uint64],
 ) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Return flights as rows of cells (row-major numbers) and their lengths; straight home where none are given."""
+    """Return flights as rows of cells (row-major numbers), and their lengths in actions.
+
+    If ``flights`` is None, they are shortest paths to the nearest landing cell.
+    """
     cols = city.shape[1]
     distance = distance_table(city)
     landing = landing_numbers(city)

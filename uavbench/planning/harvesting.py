@@ -1,7 +1,7 @@
 """Data harvesting by simulated annealing over whole flights, on expected rates.
 
-A flight is the sequence of cells from the start to a landing cell, hovering included. Its data are those that it collects if
-every rate is its mean over the fading, and the device with the highest mean is served.
+A flight is the sequence of cells from the start to a landing cell, hovering included. Its value is the data that it collects
+if every rate is equal to its mean over the fading, and the device with the highest mean is served.
 """
 
 import math
@@ -20,10 +20,10 @@ from uavbench.world.keyed import next_uniform
 from uavbench.world.parameters import Harvesting
 from uavbench.world.scenario import Scenario
 
-_LENGTH_PRICE = 0.02  # data units that a move must be worth: shorter flights leave room for more
+_LENGTH_PRICE = 0.02  # data units that a move costs in the search: shorter flights leave budget for other moves
 HOT, _COLD = 1.5, 0.03
 _NODES = 9  # of the Gauss-Hermite rule for means over the fading
-_ACTIONS = 5  # the moves and hovering: what communicates
+_ACTIONS = 5  # the actions with communication: four moves and hovering
 
 
 def expected_rates(scenario: Scenario, devices: NDArray[np.int32]) -> NDArray[np.float32]:
@@ -39,7 +39,8 @@ def expected_rates(scenario: Scenario, devices: NDArray[np.int32]) -> NDArray[np
     Returns
     -------
     ndarray of float32, shape (MN, 5, communication steps, K)
-        For each cell (row-major) that an action (0 to 4) is begun in, and each communication step of it.
+        By the cell (row-major) where an action begins, the action (0 to 4), its communication step, and the device. 0 for
+        actions that are blocked.
     """
     assert isinstance(scenario.mission, Harvesting)
     city = city_of(scenario)
@@ -64,7 +65,7 @@ def search(
     first: Sequence[Sequence[Cell]] | None = None,
     hot: float = HOT,
 ) -> Plan:
-    """Search for the flights that are expected to collect most together.
+    """Search for flights that together are expected to collect as much data as possible.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def search(
     devices : ndarray of int32, shape (K, 2)
         Their cells.
     data : ndarray of float64, shape (K,)
-        Data left at each.
+        Data left at each device.
     starts, budgets, seed, moves, first, hot
         As for `uavbench.planning.coverage.search`; the temperature is in data units.
     """
@@ -134,7 +135,7 @@ def _fill_rates(
 
 @kernel
 def _serve(here: int, there: int, cols: int, rates: NDArray[np.float32], left: NDArray[np.float64]) -> float:
-    """Serve devices on the way from a cell to the next, or hovering; return the data collected."""
+    """Serve devices during the action from cell ``here`` to ``there`` (a move or hovering); return the data collected."""
     action = 4
     if there == here - cols:
         action = 0
@@ -167,9 +168,9 @@ def _simulate(
     left: NDArray[np.float64],
     total: NDArray[np.float64],
 ) -> float:
-    """Fly all flights from step ``begin`` on, UAV after UAV in each; return the data collected.
+    """Fly all flights from step ``begin`` on, in each step one UAV after the other; return the data collected.
 
-    ``left[t]`` and ``total[t]`` are what is left and collected after step t; those until ``begin`` − 1 are given.
+    ``left[t]`` and ``total[t]`` are the data left and collected after step t; up to step ``begin`` − 1 they are given.
     """
     last = lengths.max()
     for t in range(begin, last + 1):
@@ -196,7 +197,7 @@ def _anneal(
     moves: int,
     hot: float,
 ) -> float:
-    """Anneal the flights in place (cells 0 to ``lengths`` of each row); return the data of the best of them."""
+    """Anneal the flights in place (cells 0 to ``lengths`` of each row); return the data that the best flights collect."""
     left = np.zeros((paths.shape[1], len(data)))
     total = np.zeros(paths.shape[1])
     left[0] = data
@@ -204,7 +205,7 @@ def _anneal(
     new_left, new_total = left.copy(), total.copy()
     value = collected - _LENGTH_PRICE * lengths.sum()
     best, best_lengths, best_value, best_collected = paths.copy(), lengths.copy(), value, collected
-    served = np.zeros(len(aims), dtype=np.int32)  # all devices are always worth being near
+    served = np.zeros(len(aims), dtype=np.int32)  # always 0: flights should come near to all devices
     new = np.empty(2 * paths.shape[1] + 8 * distance.shape[0], dtype=np.int32)
     before = np.empty(paths.shape[1], dtype=np.int32)
     temperature, cooling = hot, (_COLD / hot) ** (1.0 / max(1, moves))

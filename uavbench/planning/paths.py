@@ -1,4 +1,4 @@
-"""Shortest ways between all cells of a city, for searches that look them up millions of times."""
+"""Shortest paths between all cells of a city, for searches that look them up millions of times."""
 
 from functools import lru_cache
 
@@ -9,15 +9,15 @@ from uavbench.world.city import City
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_integer
 
-#: In place of a distance where there is no way.
+#: The value in a table of distances for pairs of cells without a path.
 FAR = np.int16(np.iinfo(np.int16).max)
 
 
 @lru_cache(maxsize=8)
 def distance_table(city: City) -> NDArray[np.int16]:
-    """Return the moves between all pairs of cells, in row-major order; shape (MN, MN), `FAR` where there is no way.
+    """Return the number of moves between all pairs of cells, in row-major order; shape (MN, MN), `FAR` where there is no path.
 
-    Of size quadratic in the cells: 2 MB at 32×32, 12.5 MB at 50×50.
+    The size of the table is quadratic in the number of cells: 2 MB at 32×32, 12.5 MB at 50×50.
     """
     rows, cols = city.shape
     table = np.full((rows * cols, rows * cols), FAR, dtype=np.int16)
@@ -30,7 +30,7 @@ def distance_table(city: City) -> NDArray[np.int16]:
 
 @kernel
 def pick(cursor: NDArray[np.uint64], count: int) -> int:
-    """Return an integer uniform in 0, …, ``count`` − 1, signed: Numba makes a float of signed and unsigned together."""
+    """Return a signed integer uniform in 0, …, ``count`` − 1: Numba turns a signed and an unsigned integer into a float."""
     return np.int64(next_integer(cursor, count))  # pyright: ignore[reportReturnType]
 
 
@@ -45,9 +45,10 @@ def walk(
     out: NDArray[np.int32],
     length: int,
 ) -> int:
-    """Append a shortest way from ``here`` (not written) to ``there`` (written) to ``out``, which holds ``length`` cells.
+    """Append a shortest path from ``here`` (not written) to ``there`` (written) to ``out``, which holds ``length`` cells.
 
-    One of many: in few bends if ``straight``, else at random. The way must exist. Returns the new length.
+    Of the shortest paths, it takes one with few bends if ``straight``, else a random one. A path must exist. Returns the new
+    length.
     """
     to = distance[there]
     heading = pick(cursor, 4)
@@ -56,7 +57,7 @@ def walk(
         for k in range(4):
             way = (heading + turn + k) & 3
             step = (-cols, 1, cols, -1)[way]
-            # Distances to a neighbour across the map's edge, or off the map, never go down by one.
+            # `_beside` refuses steps across the left or right edge of the map, which lead to another row.
             near = here + step
             if 0 <= near < len(to) and to[near] == to[here] - 1 and _beside(here, near, cols):
                 heading, here = way, near
@@ -68,9 +69,10 @@ def walk(
 
 @kernel
 def worthiest_way(start: int, onward: NDArray[np.int32], cols: int, worth: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the cells after ``start`` on that shortest way to where ``onward`` is 0 whose cells are worth most together.
+    """Return the cells after ``start`` on the shortest path to a goal whose cells have the largest sum of ``worth``.
 
-    ``onward`` (MN,) holds the moves from each cell, −1 where there is no way; ``worth`` (MN,) what passing a cell is worth.
+    ``onward`` (MN,) holds the number of moves from each cell to the nearest goal (0 at a goal, −1 where there is no path);
+    ``worth`` (MN,) holds what it is worth to pass each cell.
     """
     value = np.full(len(onward), -1.0)
     before = np.full(len(onward), -1)
@@ -102,5 +104,5 @@ def worthiest_way(start: int, onward: NDArray[np.int32], cols: int, worth: NDArr
 
 @kernel
 def _beside(here: int, near: int, cols: int) -> bool:
-    """Say whether a step of one cell in row-major order stays in its row, if it is one along a row."""
+    """Return whether a step between two row-major numbers, which differ by 1 or ``cols``, connects neighbours on the map."""
     return abs(here - near) == cols or here // cols == near // cols

@@ -1,1 +1,1 @@
-"""The rules of the world: the state of a batch of episodes, a step of it, its observation, and the missions."""
+"""The rules of the world: the state of a batch of episodes, how a step changes it, its observations, and the missions."""

@@ -35,36 +35,37 @@ def draw(scenario: Scenario, split: SplitName) -> Columns:
 
 
 def freeze(scenario: Scenario, *, replace: bool = False) -> str:
-    """Write the files ``episodes/<id>-<split>.npz`` beside the scenario's.
+    """Write the files ``episodes/<id>-<split>.npz`` beside the scenario's file.
 
     Parameters
     ----------
     scenario : Scenario
     replace : bool
-        Draw the episodes anew though they are frozen: for a scenario of one's own, of which nobody has seen a result.
+        Draw the episodes again even if they are frozen: for a scenario of your own of which nobody has seen a result.
 
     Returns
     -------
     str
-        The lines that name them, to stand at the end of the scenario's file.
+        The lines that name the files, for the end of the scenario's file.
 
     Raises
     ------
     ScenarioError
-        When they are frozen already, or cannot be written: nothing is written then.
+        When the episodes are frozen already, or when the files would be too large or cannot be written. Nothing is written
+        then.
     """
     shipped = scenario.id in scenario_paths()
     for split in FROZEN_SPLITS:
         if getattr(scenario.splits, split).file is not None and (shipped or not replace):
             hint = "" if shipped else "; if nobody has seen a result yet: --replace"
             raise ScenarioError(
-                f"{scenario.path}: splits.{split}.file: frozen already, and an id means the same for good: "
-                f"for others, choose a new id and remove the [splits] that name files{hint}"
+                f"{scenario.path}: splits.{split}.file: frozen already, and the episodes of an id never change: "
+                f"for other episodes, choose a new id and remove the [splits] tables that name files{hint}"
             )
     lines: list[str] = []
     contents: dict[Path, bytes] = {}
     for split in FROZEN_SPLITS:
-        content = pack_arrays(draw(scenario, split))  # uncompressed: compressors differ between machines
+        content = pack_arrays(draw(scenario, split))  # uncompressed: compressed bytes differ between machines
         name = f"episodes/{scenario.id}-{split}.npz"
         contents[scenario.path.parent / name] = content
         lines += [

@@ -1,6 +1,6 @@
-"""How UAVs move: one action, what it costs, and which actions have their effect.
+"""How UAVs move: what one action does and costs, and which actions are valid.
 
-The kernels of a step are called very often, so they take plain arrays: to look at a named tuple of them takes 1.5 µs.
+The kernels of a step are called very often, so they take plain arrays: to pass a named tuple of arrays takes 1.5 µs.
 """
 
 from typing import Any
@@ -15,7 +15,7 @@ from uavbench.world.kernel import kernel, parallel_kernel, share
 
 @kernel
 def wrong_action(actions: NDArray[np.int64]) -> int:
-    """Return the first of the actions (in row-major order) that is out of range; −1 where there is none."""
+    """Return the row-major index of the first action that is out of range; −1 if there is none."""
     for i in range(len(actions)):
         for u in range(actions.shape[1]):
             if actions[i, u] < 0 or actions[i, u] > LAND:
@@ -25,7 +25,7 @@ def wrong_action(actions: NDArray[np.int64]) -> int:
 
 @kernel
 def held_by_active(position: NDArray[np.int32], done: NDArray[np.bool_], i: int, r: int, c: int, first: int) -> bool:
-    """Say whether an active UAV from ``first`` on holds the cell (r, c) in slot ``i``."""
+    """Return whether an active UAV with index ``first`` or higher is at the cell (r, c) in slot ``i``."""
     held = False
     for w in range(first, done.shape[1]):
         held = held or (not done[i, w] and position[i, w, 0] == r and position[i, w, 1] == c)
@@ -51,7 +51,7 @@ def move(
     safety: float,
     crash: float,
 ) -> None:
-    """Move UAV ``uav`` in the slots [``first``, ``last``), pay its budget, and reward everything but the gain."""
+    """Fly one action with UAV ``uav`` in the slots [``first``, ``last``), and set its whole reward except for the gain."""
     rows, cols = no_fly.shape
     for i in range(first, last):
         if done[i, uav]:
@@ -84,7 +84,7 @@ def move(
 
 @parallel_kernel
 def move_apart(threads: int, uav: int, actions: NDArray[np.int64], *rest: Any) -> None:
-    """Do the same in all slots with several threads."""
+    """Call `move` for all slots with several threads."""
     for part in prange(threads):
         first, last = share(len(actions), part, threads)
         move(first, last, uav, actions, *rest)
@@ -92,7 +92,7 @@ def move_apart(threads: int, uav: int, actions: NDArray[np.int64], *rest: Any) -
 
 @kernel
 def write_masks(position: NDArray[np.int32], done: NDArray[np.bool_], masks: NDArray[np.int8], mask: NDArray[np.int8]) -> None:
-    """Write which actions have their effect, shape (B, U, 6), from the map's masks, shape (M, N, 6), and the other UAVs."""
+    """Write the valid actions, shape (B, U, 6), given the valid actions of every cell, shape (M, N, 6), and the other UAVs."""
     slots, uavs = position.shape[:2]
     for i in range(slots):
         for u in range(uavs):

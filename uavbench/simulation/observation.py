@@ -1,12 +1,12 @@
 """The observation: the centred map, its local crop and its global average (paper eqs. 5 to 15).
 
 Layers, in this order: landing, no_fly, building, target; in teams also the other active UAVs (0/1), and their budgets at
-their cells; and those that are the mission's own. The centred map of an M×N map is (2M − 1)×(2N − 1), the UAV's cell in the
-middle, padded with 1 in no_fly and building and with 0 in the others.
-The static layers of any position are crops of two tables made once for each city, of a size proportional to the map's; only the
-other layers are computed per step.
+their cells; then the mission's own layers. The centred map of an M×N map has the size (2M − 1)×(2N − 1), with the UAV's cell
+in the middle; it is padded with 1 in no_fly and building, and with 0 in the other layers.
+The static layers (the first three) at any position are crops of two tables that are made once for each city. The size of the
+tables is proportional to the size of the map. Only the other layers are computed in each step.
 
-Of U UAVs in each of B slots, UAV u of slot i has the observation i · U + u of B · U.
+With U UAVs in each of B slots there are B · U observations; UAV u of slot i has the observation i · U + u.
 """
 
 from functools import lru_cache
@@ -25,7 +25,7 @@ from uavbench.world.scenario import Scenario
 
 LAYERS = ("landing", "no_fly", "building", "target")
 TEAM_LAYERS = (*LAYERS, "uavs", "budgets")
-_PADDING = (0.0, 1.0, 1.0)  # of the static layers; that of the others is 0
+_PADDING = (0.0, 1.0, 1.0)  # of the static layers; the padding of the others is 0
 
 #: One observation or a batch of them: ``local``, ``global`` and ``budget``, float32.
 Observation = dict[str, NDArray[np.float32]]
@@ -34,8 +34,9 @@ Observation = dict[str, NDArray[np.float32]]
 class _Tables(NamedTuple):
     """The static layers, ready to be cropped.
 
-    ``crops[c, layer, r:r+l]`` is the local map at (r, c), in one piece of memory. ``means[r % g, c % g, layer]`` holds the
-    g×g means at all positions of that phase, so that from [r // g, c // g] on it is the global map at (r, c).
+    ``crops[c, layer, r:r+l]`` is the local map at (r, c), contiguous in memory. ``means[r % g, c % g, layer]`` holds the g×g
+    means for all cells with the same r % g and c % g (the same phase); its part that begins at [r // g, c // g] is the global
+    map at (r, c).
     """
 
     crops: NDArray[np.float32]
@@ -48,12 +49,12 @@ class Observer:
     Parameters
     ----------
     scenario : Scenario
-        Its map, its local size l (0 for no local map) and global scale g, and whether it is a team's.
+        It gives the map, the local size l (0 for no local map), the global scale g, and whether there are teams.
 
     Attributes
     ----------
     layers : tuple of str
-        The C layers' names: 4, in teams 6, and those that are the mission's own.
+        The names of the C layers: 4, or 6 in teams, and the mission's own.
     local_shape, global_shape : (int, int, int)
         Shapes of the two maps, channel first: (C, l, l) and (C, ⌊(2M−1)/g⌋, ⌊(2N−1)/g⌋).
     """
@@ -69,15 +70,15 @@ class Observer:
         self._shapes = {**maps, "global": self.global_shape, "budget": (1,)}
         self._no_local = np.empty((0, *self.local_shape), dtype=np.float32)
         self._tables = _tables(city_of(scenario), self._local_size, self._scale, self.global_shape)
-        self._state: State | None = None  # the last one that was observed
+        self._state: State | None = None  # the last state that was observed
         self._read: tuple[Any, ...] = ()
 
     def empty(self, number: int) -> Observation:
-        """Return uninitialised arrays for ``number`` observations; no ``local`` when the local size is 0."""
+        """Return uninitialised arrays for ``number`` observations; without ``local`` if the local size is 0."""
         return {name: np.empty((number, *shape), dtype=np.float32) for name, shape in self._shapes.items()}
 
     def write(self, state: State, index: NDArray[np.int64], out: Observation, threads: int = 1) -> None:
-        """Write the observations ``index`` of ``state`` (i · U + u for UAV u of slot i) into the same places of ``out``."""
+        """Write the observations ``index`` of ``state`` (i · U + u for UAV u of slot i) to the same indices of ``out``."""
         if state is not self._state:
             self._state, self._read = state, self._arrays(state)
         local = out["local"] if self._local_size else self._no_local
@@ -87,7 +88,7 @@ class Observer:
             _write(index, local, out["global"], out["budget"], *self._read)
 
     def _arrays(self, state: State) -> tuple[Any, ...]:
-        """Return what `_write` reads; it is listed once for each state, as the arrays of a state are never reallocated."""
+        """Return the arrays that `_write` reads. Once per state is enough: the arrays of a state are never reallocated."""
         return (
             state.position,
             state.budget,
@@ -111,7 +112,7 @@ def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, in
     crops = np.empty((cols, len(layers), rows + 2 * half, local_size), dtype=np.float32)
     high, wide = (rows - 1) // scale + global_shape[1], (cols - 1) // scale + global_shape[2]
     means = np.empty((scale, scale, len(layers), high, wide), dtype=np.float32)
-    # Behind the map as much padding as the last block of the last phase needs.
+    # After the map there must be as much padding as the last block of the last phase needs.
     margin = tuple((n - 1, max(0, (blocks + 1) * scale - 2 * n)) for n, blocks in ((rows, high), (cols, wide)))
     for k, (layer, pad) in enumerate(zip(layers, _PADDING, strict=True)):
         padded = np.pad(layer.astype(np.float32), half, constant_values=pad)
@@ -145,19 +146,19 @@ def _write(
     means: NDArray[np.float32],
     team: bool,
 ) -> None:
-    """Write observations. It is one kernel, as to call one takes as long as to write an observation."""
+    """Write observations. This is a single kernel, because to call a kernel takes as long as to write an observation."""
     (rows, cols), uavs, half = target.shape[1:], position.shape[1], out_local.shape[2] // 2
     static, scale = means.shape[2], means.shape[0]
     own = static + (3 if team else 1)  # the first of the mission's own layers
     side, area, block = out_local.shape[2], out_local.shape[2] ** 2, out_global.shape[2] * out_global.shape[3]
     local_flat, global_flat = out_local.reshape(len(out_local), -1), out_global.reshape(len(out_global), -1)
-    crops_flat = crops.reshape(crops.shape[0] * static, -1)  # reshaped once for all: it takes as long as to copy a row
+    crops_flat = crops.reshape(crops.shape[0] * static, -1)  # reshaped only once: this takes as long as to copy a row
     for n in index:
         i, u = n // uavs, n % uavs
         r, c = position[i, u, 0], position[i, u, 1]
         out_budget[n, 0] = budget[i, u]
         if out_local.shape[0]:
-            for k in range(static):  # each is one piece of the table
+            for k in range(static):  # each layer is contiguous in the table
                 copy_row(crops_flat[c * static + k, r * side : r * side + area], local_flat[n, k * area : (k + 1) * area])
             _clear(local_flat[n, static * area :])
             if spots.shape[1]:
@@ -185,7 +186,7 @@ def _write(
 
 @parallel_kernel
 def _write_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> None:
-    """Do the same with several threads."""
+    """Call `_write` with several threads."""
     for part in prange(threads):
         first, last = share(len(index), part, threads)
         _write(index[first:last], *rest)
@@ -193,7 +194,7 @@ def _write_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> None:
 
 @kernel
 def _crop(layer: NDArray[np.float32], top: int, left: int, out: NDArray[np.float32]) -> None:
-    """Write the crop of a map that begins in its cell (top, left) (paper eq. 11)."""
+    """Write the crop of a map that begins at the map's cell (top, left) (paper eq. 11)."""
     (rows, cols), size = layer.shape, out.shape[0]
     first, last = max(0, -left), min(size, cols - left)
     for y in range(max(0, -top), min(size, rows - top)):
@@ -202,7 +203,7 @@ def _crop(layer: NDArray[np.float32], top: int, left: int, out: NDArray[np.float
 
 @kernel
 def _crop_spots(target: NDArray[np.float32], spots: NDArray[np.int32], top: int, left: int, out: NDArray[np.float32]) -> None:
-    """Write the crop of a map whose cells are 0 but for a list of them."""
+    """Write the crop of a map that can differ from 0 only in the cells ``spots``."""
     size = out.shape[0]
     for j in range(len(spots)):
         y, x = spots[j, 0] - top, spots[j, 1] - left
@@ -212,7 +213,7 @@ def _crop_spots(target: NDArray[np.float32], spots: NDArray[np.int32], top: int,
 
 @kernel
 def _average_static(means: NDArray[np.float32], r: int, c: int, out: NDArray[np.float32]) -> None:
-    """Write the static layers of a global map (paper eq. 10): windows of the table's means of this phase."""
+    """Write the static layers of a global map (paper eq. 10): a part of the table ``means`` for the phase of (r, c)."""
     (high, wide), scale = out.shape[1:], means.shape[0]
     phase, down, right = means[r % scale, c % scale], r // scale, c // scale
     for k in range(means.shape[2]):
@@ -222,7 +223,7 @@ def _average_static(means: NDArray[np.float32], r: int, c: int, out: NDArray[np.
 
 @kernel
 def _average_counts(counts: NDArray[Any], top: int, left: int, out: NDArray[np.float32]) -> None:
-    """Write the g×g means of a map of targets that are 0 or 1, from their counts in the blocks of this phase."""
+    """Write the g×g means of a target map with values 0 and 1, from the counts of targets in the blocks of this phase."""
     (high, wide), scale = out.shape, counts.shape[0]
     area = np.float32(scale * scale)
     above, before, p, q = top // scale, left // scale, top % scale, left % scale
@@ -235,21 +236,21 @@ def _average_counts(counts: NDArray[Any], top: int, left: int, out: NDArray[np.f
 def _average_spots(
     target: NDArray[np.float32], spots: NDArray[np.int32], top: int, left: int, scale: int, out: NDArray[np.float32]
 ) -> None:
-    """Write the g×g means of a map whose cells are 0 but for a list of them."""
+    """Write the g×g means of a map that can differ from 0 only in the cells ``spots``."""
     high, wide = out.shape
     area = np.float32(scale * scale)
     for j in range(len(spots)):
         y, x = (spots[j, 0] + top) // scale, (spots[j, 1] + left) // scale
         value = target[spots[j, 0], spots[j, 1]]
         if value > 0.0 and y < high and x < wide:
-            if out[y, x] > 0.0:  # there is another in the block
+            if out[y, x] > 0.0:  # the block has another target
                 value = block_sum(target, y * scale - top, x * scale - left, scale)
             out[y, x] = value / area
 
 
 @kernel
 def _average(layer: NDArray[np.float32], top: int, left: int, scale: int, out: NDArray[np.float32]) -> None:
-    """Write the g×g means of any map that begins in cell (top, left) of the centred map (paper eq. 10)."""
+    """Write the g×g means of any map, which begins at the cell (top, left) of the centred map (paper eq. 10)."""
     (rows, cols), (high, wide) = layer.shape, out.shape
     area = np.float32(scale * scale)
     for y in range(top // scale, min(high, (top + rows - 1) // scale + 1)):
@@ -268,17 +269,17 @@ def _write_team(
     scale: int,
     out: NDArray[np.float32],
 ) -> None:
-    """Write the two layers of teams in a map of UAV ``u``: the other active UAVs, and their budgets at their cells.
+    """Write the two layers of teams in a local or global map of UAV ``u``: the other active UAVs, and their budgets.
 
-    The map begins ``up`` and ``left`` cells from the UAV, and one cell of it is the mean of ``scale``×``scale``.
+    The map begins ``up`` rows above and ``left`` columns left of the UAV; its values are means of ``scale``×``scale`` cells.
     """
     area = np.float32(scale * scale)
     for w in range(len(position)):
-        y = (position[w, 0] - position[u, 0] + up) // scale  # rounded down: negative off the map
+        y = (position[w, 0] - position[u, 0] + up) // scale  # rounded down: off the map it is negative
         x = (position[w, 1] - position[u, 1] + left) // scale
         if w == u or done[w] or not (0 <= y < out.shape[1] and 0 <= x < out.shape[2]):
             continue
-        number = actions = 0  # of all that share the cell: a mean is rounded once
+        number = actions = 0  # sums over all UAVs in the block, so that each mean is rounded only once
         for v in range(len(position)):
             down, right = position[v, 0] - position[u, 0] + up, position[v, 1] - position[u, 1] + left
             if v != u and not done[v] and down // scale == y and right // scale == x:
@@ -290,13 +291,13 @@ def _write_team(
 
 @kernel
 def _clear(values: NDArray[np.float32]) -> None:
-    """Set all values to 0; a plain loop over a row is what LLVM makes a memset of."""
+    """Set all values to 0; LLVM turns a plain loop over a row into a memset."""
     for x in range(len(values)):
         values[x] = 0.0
 
 
 @kernel
 def _divide(source: NDArray[Any], area: np.float32, target: NDArray[np.float32]) -> None:
-    """Divide a row; a plain loop over slices is what LLVM vectorises best."""
+    """Divide a row by ``area``; LLVM vectorises a plain loop over slices best."""
     for x in range(len(target)):
         target[x] = np.float32(source[x]) / area

@@ -1,4 +1,4 @@
-"""Reading the options of ``reset`` that set an episode by hand: what does not fit the scenario is a ValueError."""
+"""Reading the options of ``reset`` that set an episode by hand. A value that does not fit the scenario raises a ValueError."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ from uavbench.world.values import as_array, as_integer, as_list, shown
 
 
 def read_uavs(options: Mapping[str, Any], scenario: Scenario, drawn: int) -> int:
-    """Return how many UAVs fly: ``num_uavs``, or as many as were drawn."""
+    """Return the number of UAVs: the option ``num_uavs``, by default the number that was ``drawn``."""
     if "num_uavs" not in options:
         return drawn
     number = as_integer(options["num_uavs"])
@@ -42,7 +42,7 @@ def is_anywhere(options: Mapping[str, Any]) -> bool:
 
 
 def read_start(value: Any, scenario: Scenario, city: City, uavs: int) -> NDArray[np.int32]:
-    """Return start cells, shape (uavs, 2), from [row, column], or in a team a list of one for each UAV."""
+    """Return start cells, shape (uavs, 2), from one cell [row, column], in teams from a list with one cell for each UAV."""
     expected = "a cell [row, column] of two integers"
     if scenario.team:
         expected = f"a list of {uavs} cells [row, column] of two integers, one for each UAV"
@@ -63,12 +63,12 @@ def read_start(value: Any, scenario: Scenario, city: City, uavs: int) -> NDArray
 
 
 def read_budget(value: Any, scenario: Scenario, uavs: int) -> NDArray[np.int32]:
-    """Return budgets, shape (uavs,), from an integer, or in a team also a list of one for each UAV."""
+    """Return budgets, shape (uavs,), from one integer for all UAVs, in teams also from a list with one for each UAV."""
     largest = scenario.budget[1]
     listed = as_list(value) if scenario.team else None
     each: list[Any] = [value] * uavs if listed is None else listed
     if len(each) != uavs:
-        raise ValueError(f"budget: {len(each)} of them for {uavs} UAVs; give one for all, or one for each")
+        raise ValueError(f"budget: {len(each)} given for {uavs} UAVs; give one for all, or one for each")
     budgets: list[int] = []
     for given in each:
         budget = as_integer(given)
@@ -79,7 +79,7 @@ def read_budget(value: Any, scenario: Scenario, uavs: int) -> NDArray[np.int32]:
 
 
 def read_noise(options: Mapping[str, Any]) -> bool:
-    """Return whether shadow fading is on: ``noise``, or True."""
+    """Return whether shadow fading is on: the option ``noise``, True by default."""
     noise = as_array(options.get("noise", True))
     if noise is None or noise.shape or noise.dtype != np.bool_:
         raise ValueError(f"noise: {shown(options['noise'])} is not True or False")

@@ -1,4 +1,4 @@
-"""The metrics of episodes so far, at their end their score."""
+"""The metrics of running and finished episodes; at the end of an episode they are its score."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ def successes_of(state: State, index: NDArray[np.int64], least: NDArray[np.float
 
 
 def outcome_of(state: State, i: int) -> dict[str, bool | float | int]:
-    """Return the metrics of slot ``i`` as numbers of Python, in a quarter of the time that arrays of one take."""
+    """Return the metrics of slot ``i`` as Python numbers, four times faster than as arrays with one element."""
     landed, cr, cral, blocked = _metrics(i, state.landed, state.blocked, state.total, state.remaining)
     return {"landed": landed, "cr": cr, "cral": cral, "blocked": blocked}
 

@@ -1,12 +1,13 @@
-"""What the state keeps of a target map, so that the observation need not look at every cell of it.
+"""What the state keeps besides the target map, so that the observation need not read every cell of the map.
 
-The observation's global map is the means of g×g blocks (paper eq. 10). Where the blocks begin depends on the UAV's cell: there
-are g×g phases. Three ways to know the sum of a block, of which a mission's parameters name one (``pooling``):
+The observation's global map holds the means of g×g blocks (paper eq. 10). Where the blocks begin depends on the UAV's cell;
+there are g×g possibilities, called phases. There are three ways to get the sum of a block, and a mission's parameters name one
+of them (``pooling``):
 
-- ``"counts"``, for many targets that are 1 or 0, as in CPP: the numbers of targets in all blocks of all phases. To take a
-  target away changes one block of each phase.
-- ``"spots"``, for few targets of any value, as in DH: a list of their cells.
-- ``"map"``: nothing is kept. The observation adds up the whole map, which is slow and always right.
+- ``"counts"``, for many targets that are 1 or 0, as in CPP: the state keeps the number of targets in each block of each phase.
+  When a target is removed, one block of each phase changes.
+- ``"spots"``, for few targets of any value, as in DH: the state keeps a list of their cells.
+- ``"map"``: the state keeps nothing. The observation adds up the whole map, which is slow but works for every mission.
 """
 
 from typing import Any
@@ -24,7 +25,7 @@ def new_counts(slots: int, shape: tuple[int, int], scale: int) -> NDArray[Any]:
     -------
     ndarray of uint8, uint16 or uint32, shape (slots, g, H, g, W)
         ``counts[i, p, y, q, x]`` is the number of targets in the block of rows y · g − p to y · g − p + g − 1 and columns
-        x · g − q to x · g − q + g − 1, as far as they are on the map.
+        x · g − q to x · g − q + g − 1, without the cells off the map.
     """
     high, wide = ((side + 2 * scale - 2) // scale for side in shape)
     size = np.uint8 if scale < 16 else np.uint16 if scale < 256 else np.uint32
@@ -33,10 +34,10 @@ def new_counts(slots: int, shape: tuple[int, int], scale: int) -> NDArray[Any]:
 
 @kernel
 def remove_target(counts: NDArray[Any], r: int, c: int) -> None:
-    """Take the target in cell (r, c) out of the counts of one map, shape (g, H, g, W)."""
+    """Remove the target in cell (r, c) from the counts of one map, shape (g, H, g, W)."""
     scale = counts.shape[0]
     y, x = r // scale, c // scale
-    low, right = scale - (r - y * scale), scale - (c - x * scale)  # from these phases on, the cell is in the next block
+    low, right = scale - (r - y * scale), scale - (c - x * scale)  # in these and higher phases the cell is in the next block
     for p in range(scale):
         blocks = counts[p, y + (p >= low)]
         for q in range(scale):
@@ -45,11 +46,11 @@ def remove_target(counts: NDArray[Any], r: int, c: int) -> None:
 
 @kernel
 def count_targets(target: NDArray[np.float32], counts: NDArray[Any]) -> None:
-    """Count the targets of one map, shape (M, N), whose cells are 1 or 0: of g rows first, then in the blocks of g columns."""
+    """Count the targets of one map, shape (M, N), whose cells are 1 or 0: over g rows first, then over g columns."""
     rows, cols = target.shape
     scale, high, _, wide = counts.shape
-    column = np.zeros((wide + 1) * scale, dtype=counts.dtype)  # of the block's rows, with margins in which there is nothing
-    block = np.zeros(wide * scale, dtype=counts.dtype)  # from every column on, the first of them scale - 1 before the map
+    column = np.zeros((wide + 1) * scale, dtype=counts.dtype)  # sums over g rows in each column, with margins of zeros
+    block = np.zeros(wide * scale, dtype=counts.dtype)  # sums over g columns each; the first begins scale - 1 before the map
     inner = column[scale : scale + cols]
     for top in range(1 - scale, high * scale - scale + 1):  # the first row of a block, possibly above the map
         if top + scale <= rows:
@@ -70,7 +71,7 @@ def count_targets(target: NDArray[np.float32], counts: NDArray[Any]) -> None:
 
 @kernel
 def block_sum(target: NDArray[np.float32], top: int, left: int, scale: int) -> np.float32:
-    """Return the sum of the g×g block that begins in cell (top, left), column by column, as far as it is on the map."""
+    """Return the sum of the g×g block that begins at cell (top, left), column by column, without the cells off the map."""
     rows, cols = target.shape
     total = np.float32(0.0)
     for c in range(max(0, left), min(cols, left + scale)):
@@ -83,7 +84,7 @@ def block_sum(target: NDArray[np.float32], top: int, left: int, scale: int) -> n
 
 @kernel
 def find_targets(target: NDArray[np.float32], spots: NDArray[np.int32]) -> int:
-    """List the cells of one map that are not 0 in ``spots``, shape (K, 2), and return how many they are."""
+    """Write the cells of one map that are not 0 to ``spots``, shape (K, 2), and return their number."""
     number = 0
     for r in range(target.shape[0]):
         for c in range(target.shape[1]):
@@ -95,7 +96,7 @@ def find_targets(target: NDArray[np.float32], spots: NDArray[np.int32]) -> int:
 
 @kernel
 def _add(source: NDArray[Any], target: NDArray[Any]) -> None:
-    """Add a row to another; a plain loop over slices is what LLVM vectorises best."""
+    """Add a row to another; LLVM vectorises a plain loop over slices best."""
     for x in range(len(target)):
         target[x] += source[x]
 

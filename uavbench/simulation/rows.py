@@ -1,7 +1,7 @@
 """Copying short rows in kernels.
 
-A row of a map is 17 to 60 numbers long. LLVM's loop over so few spends more time before and after its vectors than in them, so
-here the vectors are written out: eight numbers at a time, the last vector overlapping the one before it.
+A row of a map is 17 to 60 numbers long. For so few numbers, LLVM's vectorised loop spends more time before and after its
+vectors than in them. So the vectors are written out here: eight numbers at a time, the last vector overlapping the one before.
 """
 
 from typing import Any, cast
@@ -19,7 +19,7 @@ _LANES = 8
 
 @intrinsic
 def _vector_copier(typing: Any, source: Any, target: Any, start: Any) -> Any:  # noqa: ARG001  # Numba passes it
-    """Copy `_LANES` float32 of contiguous arrays, from ``start`` on."""
+    """Copy `_LANES` float32 numbers of contiguous arrays, from ``start`` on."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         vector = ir.VectorType(ir.FloatType(), _LANES).as_pointer()

@@ -1,8 +1,9 @@
 """The simulator: a batch of episodes, reset from keys and stepped by the rules of the world.
 
 Source: the paper's eqs. (1) and (2), with uavSim settling what they leave open; teams after Bayerlein et al., IEEE OJCOMS
-2021. A step is, for one UAV after the other: move, pay the budget, end or not, and, where the UAV flies on, let the mission
-cover or collect. On a terminal step nothing is covered. A UAV that flies alone is a team of one.
+2021. In a step, one UAV after the other flies its action and pays for it from its budget; if it has neither landed nor crashed
+with that, the mission then covers or collects with it. On a UAV's terminal step nothing is covered or collected. A single UAV
+is a team of one.
 """
 
 from collections.abc import Mapping
@@ -23,9 +24,9 @@ from uavbench.world.episode import Columns, check_number, episode_keys, frozen_c
 from uavbench.world.resources import scenario_paths
 from uavbench.world.scenario import SPLITS, Scenario, ScenarioError, SplitName
 
-_CUSTOM = len(SPLITS)  # the code of an episode set by hand; those of the others are the places of their splits
+_CUSTOM = len(SPLITS)  # the code of an episode set by hand; the code of any other is the index of its split in SPLITS
 _NAMES: tuple[str, ...] = (*SPLITS, "custom")
-_REDRAWN = 8  # frozen episodes that are drawn again, to see that they are of the scenario as it is
+_REDRAWN = 8  # frozen episodes that are drawn again, to check that they belong to the scenario as it is now
 
 
 class Simulator:
@@ -38,7 +39,7 @@ class Simulator:
     num_envs : int
         Size B of the batch: the number of slots, each of which holds one episode at a time.
     threads : int
-        How many threads share the slots of a step. The results are the same to the last bit.
+        How many threads share the slots of a step. The results do not depend on it, to the last bit.
 
     Attributes
     ----------
@@ -49,7 +50,7 @@ class Simulator:
     state : State
         The state of all slots; `step` and the resets change it in place.
     mission : Mission
-        The mission, with the arrays that are its own.
+        The mission, with its own arrays.
     """
 
     #: Name of the split of an episode set by hand; its number is −1.
@@ -66,7 +67,7 @@ class Simulator:
         self.slots = np.arange(num_envs)
         self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
-        self._fitting: set[str] = set()  # splits whose frozen episodes were found to be this scenario's
+        self._fitting: set[str] = set()  # splits whose frozen episodes have been checked against the scenario
         rewards = scenario.rewards
         state, city = self.state, self.city
         self._moved = (  # what `move` takes, listed once: the arrays are never reallocated
@@ -99,7 +100,7 @@ class Simulator:
         Raises
         ------
         ValueError
-            When the split has no episode of such a number. Nothing is changed then.
+            When the split has no episode with such a number. Nothing is changed then.
         """
         slots = np.asarray(index, dtype=np.int64)
         wanted = np.asarray(numbers, dtype=np.int64)
@@ -117,19 +118,19 @@ class Simulator:
         self._numbers[slots] = wanted
 
     def episode(self, i: int) -> tuple[str, int]:
-        """Return split and number of the episode in slot ``i``; ``("custom", -1)`` when it was set by hand."""
+        """Return split and number of the episode in slot ``i``; ``("custom", -1)`` if it was set by hand."""
         return _NAMES[int(self._splits[i])], int(self._numbers[i])
 
     def episode_code(self, i: int) -> tuple[np.int64, np.int64]:
-        """Return the place of the split of the episode in slot ``i`` in `SPLITS`, and its number; 3 and −1 when set by hand."""
+        """Return the index in `SPLITS` of the split of the episode in slot ``i``, and its number; 3 and −1 if set by hand."""
         return self._splits[i], self._numbers[i]
 
     def episodes(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Return for every slot the place of its episode's split in `SPLITS`, and its number; 3 and −1 where set by hand."""
+        """Return the indices in `SPLITS` of the splits of all slots' episodes, and their numbers; 3 and −1 if set by hand."""
         return self._splits.copy(), self._numbers.copy()
 
     def sample(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
-        """Draw the episodes of ``keys`` in the slots ``index``, frozen or not."""
+        """Start the episodes of ``keys`` in the slots ``index``, drawn from the keys even if they are frozen."""
         self.state.key[index] = keys
         state = self.state
         draw_starts(
@@ -152,10 +153,10 @@ class Simulator:
         self.mission.sample(state, index)
 
     def scatter(self, index: NDArray[np.int64]) -> None:
-        """Move the UAVs of episodes just started in the slots ``index`` anywhere, with any budget they can land with.
+        """Move the UAVs of the episodes just started in the slots ``index`` to random cells, with budgets that suffice to land.
 
-        For training: a learner sees states that it would seldom come to. Cells, no two alike, and budgets up to the scenario's
-        largest are drawn from the episode's key.
+        For training: a learner then sees states that it would seldom reach. Distinct cells, and budgets up to the scenario's
+        largest, are drawn from the episode's key.
         """
         free = np.argwhere(self.city.distance_to_landing >= 0).astype(np.int32)
         scatter_starts(
@@ -179,30 +180,30 @@ class Simulator:
         return take(self.scenario.digest, self._arrays(), index)
 
     def set_state(self, state: SimulatorState, index: ArrayLike | None = None) -> None:
-        """Put the slots ``index`` into a state that `get_state` returned: what follows is the same to the last bit.
+        """Put the slots ``index`` into a state from `get_state`: the same actions then have the same results, bit for bit.
 
         Parameters
         ----------
         state : SimulatorState
-            Of as many slots as ``index`` names, or of one, which then all of them get. Any simulator of the scenario may
-            have returned it.
+            A state of as many slots as ``index`` names, or of one slot, which all of them then get. It may come from any
+            simulator of the same scenario.
         index : array_like of int, shape (K,), optional
             Slots; all of them by default.
 
         Raises
         ------
         ValueError, IndexError
-            When the state is of another scenario or of another number of slots, or ``index`` does not name slots. Nothing
-            is changed then.
+            When the state belongs to another scenario or has another number of slots, or ``index`` does not name slots.
+            Nothing is changed then.
         """
         put(state, self.scenario.digest, self._arrays(), index)
 
     def snapshot(self) -> Columns:
-        """Return everything that changes, as fresh arrays by name, for a file: `resume` goes on from them."""
+        """Return everything that changes, as fresh arrays by name, to be saved in a file: `resume` continues from them."""
         return self.get_state().arrays
 
     def resume(self, arrays: Columns) -> None:
-        """Go on from a `snapshot` of a simulator of the same scenario and as many slots; a ValueError says what differs."""
+        """Continue from a `snapshot` of a simulator of the same scenario and size; a ValueError says what differs."""
         self.set_state(SimulatorState(self.scenario.digest, arrays))
 
     def _arrays(self) -> Columns:
@@ -211,7 +212,7 @@ class Simulator:
         return {**self.state._asdict(), **own, **{f"mission.{name}": array for name, array in self.mission.arrays().items()}}
 
     def columns(self) -> Columns:
-        """Return the episodes of all slots as they started, as columns of a table: what a frozen file holds."""
+        """Return the episodes just started in all slots as columns of a table, as a frozen file holds them."""
         columns = self._columns(np.arange(self.num_envs))
         if not self.scenario.team:
             del columns["uavs"]
@@ -219,7 +220,7 @@ class Simulator:
         return {name: column.astype(np.int16) if column.dtype == np.int32 else column for name, column in columns.items()}
 
     def customise(self, i: int, options: Mapping[str, Any]) -> None:
-        """Set by hand what ``options`` names in the episode just started in slot ``i``; the rest stays as drawn.
+        """Set by hand what ``options`` name in the episode just started in slot ``i``; the rest stays as drawn.
 
         Parameters
         ----------
@@ -254,7 +255,7 @@ class Simulator:
         self.state.noise[i] = noise
 
     def step(self, actions: ArrayLike) -> None:
-        """Fly one action with every UAV, in their order; with one that flies no more nothing happens, for a reward of 0.
+        """Fly one action with every UAV, in their order. UAVs that have landed or crashed do nothing and get a reward of 0.
 
         Parameters
         ----------
@@ -276,7 +277,7 @@ class Simulator:
         self.fly(checked)
 
     def fly(self, actions: NDArray[np.int64]) -> None:
-        """Do what `step` does, with actions that are known to be right: contiguous, shape (B, U), each from 0 to 5."""
+        """Do what `step` does, without checking ``actions``: a contiguous array, shape (B, U), of numbers from 0 to 5."""
         for uav in range(actions.shape[1]):
             if self.threads > 1:
                 move_apart(self.threads, uav, actions, *self._moved)
@@ -290,20 +291,20 @@ class Simulator:
         Returns
         -------
         dict
-            ``landed`` (bool: every UAV of the team), ``cr`` and ``cral`` (float64, in [0, 1]), ``blocked`` (int64: of all
-            UAVs together).
+            ``landed`` (bool: whether every UAV has landed), ``cr`` and ``cral`` (float64, in [0, 1]), ``blocked`` (int64: how
+            often UAVs were blocked, summed over the team).
         """
         return outcomes_of(self.state, self.slots if index is None else np.asarray(index, dtype=np.int64))
 
     def outcome(self, i: int) -> dict[str, bool | float | int]:
-        """Return the metrics of the episode in slot ``i`` as numbers of Python: those of `outcomes`."""
+        """Return the metrics of the episode in slot ``i``, those of `outcomes`, as Python numbers."""
         return outcome_of(self.state, i)
 
     def action_mask(self) -> NDArray[np.int8]:
-        """Return which actions have their effect, shape (B, 6), in teams (B, U, 6), freshly allocated.
+        """Return the valid actions as a new array of 0 and 1, shape (B, 6), in teams (B, U, 6).
 
-        UAVs decide at once and move in order, so a cell held by a UAV that moves later is masked: the move is blocked. One
-        held by a UAV that moves before is not: it may be free by then.
+        UAVs decide at the same time and move in order. So a move to the cell of a UAV that moves later is not valid, because it
+        is blocked. A move to the cell of a UAV that moves earlier is valid, because the cell may be free by then.
         """
         mask = np.empty(self._mask_shape, dtype=np.int8)
         write_masks(self.state.position, self.state.done, self.city.action_mask, mask)
@@ -318,7 +319,7 @@ class Simulator:
         return self.city.safe_action_mask(position, budget).astype(np.int8).reshape(*self._shape, NUM_ACTIONS)
 
     def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
-        """Return the episode in slot ``i`` as columns, with what ``options`` name in its place."""
+        """Return the episode just started in slot ``i`` as columns, changed as ``options`` say."""
         scenario, columns = self.scenario, self._columns(np.array([i]))
         uavs = read_uavs(options, scenario, int(self.state.uavs[i]))
         columns["uavs"][0] = uavs
@@ -331,7 +332,7 @@ class Simulator:
         return columns
 
     def _check_fit(self, split: SplitName, frozen: Columns) -> None:
-        """Refuse frozen episodes of another map or other parameters: somebody has edited the scenario since."""
+        """Refuse frozen episodes that do not fit the scenario, because it was edited after they were frozen."""
         low, high = self.scenario.budget
         start, budget = frozen["start"].reshape(-1, 2), frozen["budget"]
         on_map = (start >= 0).all() and (start < np.array(self.city.shape)).all()
@@ -347,9 +348,10 @@ class Simulator:
         self._fitting.add(split)
 
     def _draws(self, frozen: Columns) -> bool:
-        """Say whether the scenario draws the first frozen episodes from their keys: a wider range of budgets fits, but differs.
+        """Return whether the scenario draws the same first frozen episodes from their keys.
 
-        Shipped scenarios are not asked: their files hold whatever a generator may become.
+        Without this check, frozen episodes would still fit a scenario whose range of budgets was made wider. Shipped scenarios
+        are not checked: their files stay valid even if a generator changes.
         """
         if scenario_paths().get(self.scenario.id) == self.scenario.path:
             return True
@@ -364,7 +366,7 @@ class Simulator:
         )
 
     def _columns(self, index: NDArray[np.int64]) -> Columns:
-        """Return the episodes in the slots ``index`` as they are now, as columns of a table."""
+        """Return the episodes just started in the slots ``index`` as columns of a table."""
         state = self.state
         return {
             "key": state.key[index],
@@ -375,7 +377,7 @@ class Simulator:
         }
 
     def _restore(self, index: NDArray[np.int64], columns: Columns) -> None:
-        """Start the episodes of the rows of ``columns`` in the slots ``index``."""
+        """Start the episodes that the rows of ``columns`` describe in the slots ``index``."""
         state = self.state
         min_uavs, max_uavs = self.scenario.uavs or (1, 1)
         state.key[index] = columns["key"]

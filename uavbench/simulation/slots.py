@@ -1,4 +1,4 @@
-"""Copying slots of a batch out of arrays and back into them: what `uavbench.simulation.simulator.Simulator` calls a state."""
+"""Copying slots of a batch out of the simulator's arrays and back: its methods ``get_state`` and ``set_state``."""
 
 from typing import NamedTuple
 
@@ -14,9 +14,9 @@ class SimulatorState(NamedTuple):
     Attributes
     ----------
     digest : str
-        The scenario's.
+        The scenario's digest.
     arrays : dict of str to ndarray
-        The rows of all arrays that change, of as many slots in each.
+        All arrays that change, each with one row for each of the slots.
     """
 
     digest: str
@@ -24,7 +24,7 @@ class SimulatorState(NamedTuple):
 
 
 def take(digest: str, arrays: Columns, index: ArrayLike | None) -> SimulatorState:
-    """Copy the rows ``index`` of arrays with a row for each slot; all of them where it is None."""
+    """Return copies of the rows ``index`` of arrays that have a row for each slot; all rows if ``index`` is None."""
     if index is None:
         return SimulatorState(digest, {name: array.copy() for name, array in arrays.items()})
     slots = _slots(index)
@@ -32,17 +32,17 @@ def take(digest: str, arrays: Columns, index: ArrayLike | None) -> SimulatorStat
 
 
 def put(state: SimulatorState, digest: str, arrays: Columns, index: ArrayLike | None) -> None:
-    """Copy a state to the rows ``index`` of arrays; all of them where it is None. A ValueError changes nothing."""
+    """Copy a state to the rows ``index`` of arrays; to all rows if ``index`` is None. When it raises, nothing is changed."""
     slots = slice(None) if index is None else _slots(index)
-    wanted = len(arrays["key"][slots])  # an IndexError where there is no such slot
+    wanted = len(arrays["key"][slots])  # raises an IndexError if there is no such slot
     if state.digest != digest:
-        raise ValueError(f"state: it is of the scenario with the digest {state.digest[:12]}…, not {digest[:12]}…")
+        raise ValueError(f"state: it belongs to the scenario with the digest {state.digest[:12]}…, not {digest[:12]}…")
     for name in sorted(state.arrays.keys() | arrays.keys()):
         given, array = state.arrays.get(name), arrays.get(name)
         if given is None or array is None or given.dtype != array.dtype or given.shape[1:] != array.shape[1:]:
             raise ValueError(f"state: its {name} does not fit: another version of the suite or of the mission wrote it")
         if len(given) not in (1, wanted):
-            raise ValueError(f"state: it is of {len(given)} slots, and is to be set in {wanted}")
+            raise ValueError(f"state: it holds {len(given)} slots, but is to be set in {wanted}")
     for name, array in arrays.items():
         array[slots] = state.arrays[name]
 

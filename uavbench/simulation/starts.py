@@ -1,4 +1,4 @@
-"""How an episode starts: how many UAVs, from which cells, with which budgets; drawn from the episode's key."""
+"""How an episode starts: the number of UAVs, their start cells and budgets, all drawn from the episode's key."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +28,10 @@ def draw_starts(
     min_uavs: int,
     max_uavs: int,
 ) -> None:
-    """Draw how many UAVs fly, start cells and budgets of the slots ``index``, and clear what an earlier episode left.
+    """Draw the numbers of UAVs, start cells and budgets of the slots ``index``, and clear what earlier episodes left.
 
-    Cells and budgets are drawn for as many UAVs as there may be, so that those of the first do not depend on how many fly.
+    Cells and budgets are always drawn for the largest possible number of UAVs, so that those of the first UAVs do not depend on
+    how many UAVs fly.
     """
     cursor = np.empty(1, dtype=np.uint64)
     for n in range(len(index)):
@@ -58,7 +59,10 @@ def draw_starts(
 def scatter_starts(
     state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int
 ) -> None:
-    """Draw cells among ``free``, and budgets that allow to land, for the UAVs of the slots ``index``."""
+    """Draw cells among ``free``, and budgets that suffice to land, for the UAVs of the slots ``index``.
+
+    ``home`` holds the distance to landing of each cell, ``largest`` is the largest budget.
+    """
     cursor = np.empty(1, dtype=np.uint64)
     for n in range(len(index)):
         i = int(index[n])

@@ -19,7 +19,7 @@ class State(NamedTuple):
     noise : ndarray of bool, shape (B,)
         Whether shadow fading is on.
     uavs : ndarray of int32, shape (B,)
-        How many UAVs the episode has: the first of its row. The others stand landed from the start.
+        How many UAVs the episode has; they come first in its row. The other UAVs of the row count as landed from the start.
     position, previous : ndarray of int32, shape (B, U, 2)
         The UAVs' cells (row, column), now and before the last move.
     budget, initial_budget : ndarray of int32, shape (B, U)
@@ -27,20 +27,20 @@ class State(NamedTuple):
     blocked : ndarray of int32, shape (B, U)
         How often the safety controller kept the UAV in place.
     landed, done : ndarray of bool, shape (B, U)
-        Whether the UAV has landed, and whether it flies no more (landed or crashed). The episode ends with its last UAV.
+        Whether the UAV has landed, and whether it is done (landed or crashed). The episode ends when all its UAVs are done.
     target : ndarray of float32, shape (B, M, N)
         The target map D(t): 1 where a cell is still to cover, or the data left at a device's cell.
     counts : ndarray of int, shape (B, g, H, g, W)
-        The numbers of targets in the blocks of the global map, where the mission keeps them: see
-        `uavbench.simulation.pooling`. Else of shape (B, 0, 0, 0, 0).
+        The numbers of targets in the blocks of the global map, if the mission's ``pooling`` is ``"counts"``: see
+        `uavbench.simulation.pooling`. Otherwise of shape (B, 0, 0, 0, 0).
     spots : ndarray of int32, shape (B, K, 2)
-        The cells of the target map that can be other than 0, where the mission lists them. Else of shape (B, 0, 2).
+        The cells of the target map that can differ from 0, if ``pooling`` is ``"spots"``. Otherwise of shape (B, 0, 2).
     num_spots : ndarray of int32, shape (B,)
-        How many of them there are.
+        The number of cells in ``spots``.
     layers : ndarray of float32, shape (B, L, M, N)
-        The mission's own layers of the observation besides the target map; L is 0 in missions that have none.
+        The layers that the mission adds to the observation besides the target map; L may be 0.
     total, remaining : ndarray of float64, shape (B,)
-        Target cells or data units at the start, and left.
+        Target cells or data units at the start, and those left.
     reward : ndarray of float64, shape (B, U)
         The rewards of the last step.
     """
@@ -66,7 +66,7 @@ class State(NamedTuple):
 
 
 def new_state(scenario: Scenario, num_envs: int, max_uavs: int) -> State:
-    """Return a state of a scenario's episodes in which none runs (``done`` everywhere)."""
+    """Return the state of a batch in which no episode is running (``done`` everywhere)."""
     each, shape, mission = (num_envs, max_uavs), scenario.shape, scenario.mission
     return State(
         key=np.zeros(num_envs, dtype=np.uint64),
@@ -93,7 +93,7 @@ def new_state(scenario: Scenario, num_envs: int, max_uavs: int) -> State:
 
 
 def index_targets(state: State) -> None:
-    """Make ``counts`` or ``spots`` of target maps that were set from outside."""
+    """Compute ``counts`` or ``spots`` of target maps that were set from outside."""
     for i in range(len(state.target)):
         if state.counts.size:
             count_targets(state.target[i], state.counts[i])

@@ -1,4 +1,4 @@
-"""What an agent on the state track sees: everything but the noise to come."""
+"""What an agent on the state track sees: everything except the noise of future steps."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from uavbench.world.scenario import Scenario
 
 
 class StateView:
-    """A read-only view of one running episode, by one of its UAVs. It follows the episode: read it anew at every decision.
+    """A read-only view of one running episode for one of its UAVs. Its values change in each step: read them for each decision.
 
     Attributes
     ----------
@@ -20,7 +20,7 @@ class StateView:
     city : City
         Layers, distances, lines of sight.
     uav : int
-        Which UAV it is, 0 being the first to move.
+        The index of the UAV; UAV 0 moves first.
     """
 
     __slots__ = ("_i", "_simulator", "city", "scenario", "uav")
@@ -45,7 +45,7 @@ class StateView:
 
     @property
     def positions(self) -> NDArray[np.int32]:
-        """The cells of the team's UAVs, shape (U, 2), those that fly no more included."""
+        """The cells of the team's UAVs, shape (U, 2), including UAVs that have landed or crashed."""
         return _read_only(self._simulator.state.position[self._i, : self._uavs])
 
     @property
@@ -55,7 +55,7 @@ class StateView:
 
     @property
     def active(self) -> NDArray[np.bool_]:
-        """Which of the team's UAVs still fly, shape (U,)."""
+        """Which of the team's UAVs are active (neither landed nor crashed), shape (U,)."""
         return _read_only(~self._simulator.state.done[self._i, : self._uavs])
 
     @property
@@ -88,8 +88,8 @@ class StateView:
         return int(self._simulator.state.uavs[self._i])
 
     def __getattr__(self, name: str) -> NDArray[Any]:
-        """Return what else the mission shows: see `uavbench.simulation.missions.Mission.view`."""
-        if name.startswith("_"):  # while a copy is being made there is nothing yet
+        """Return another array that the mission shows: see `uavbench.simulation.missions.Mission.view`."""
+        if name.startswith("_"):  # ``copy`` and ``pickle`` ask for names before ``_simulator`` exists
             raise AttributeError(name)
         return self._mission(name)
 
@@ -101,7 +101,7 @@ class StateView:
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:
-    """Return a copy: whatever an agent does to its flags, the simulator's array stays as it is."""
+    """Return a read-only copy, so that an agent cannot change the simulator's array even by changing the flags."""
     copy = array.copy()
     copy.flags.writeable = False
     return copy

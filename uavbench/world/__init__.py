@@ -1,1 +1,1 @@
-"""What is fixed and what is drawn: scenarios, cities, episodes, keyed random numbers, and the files that are shipped."""
+"""The world: scenarios, cities, episodes, keyed random numbers, and the files that ship with the package."""

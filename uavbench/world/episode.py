@@ -1,8 +1,8 @@
-"""What is drawn per episode, by which key, and the three splits.
+"""The keys that episodes are drawn from, and the three splits of episodes.
 
-A split is a stream of keys: the two highest bits name the split, the others are the episode's number. So the splits are
-disjoint by construction. Validation and test episodes of the shipped scenarios are frozen in files besides, so that no
-change of a generator can touch them.
+A split is a stream of keys: the two highest bits of a key name the split, the other bits are the episode's number. The
+splits are therefore disjoint by construction. The validation and test episodes of the shipped scenarios are also frozen in
+files, so that a change of a generator cannot change them.
 """
 
 import hashlib
@@ -24,7 +24,7 @@ TRAIN_EPISODES = 2**62
 
 _SPLIT_BITS = {split: np.uint64(place << 62) for place, split in enumerate(SPLITS)}
 
-#: Columns of a table of episodes, one row an episode: ``key``, ``start``, ``budget`` and those of the mission.
+#: Columns of a table with one row per episode: ``key``, ``start``, ``budget``, in teams ``uavs``, and the mission's own.
 Columns = dict[str, NDArray[Any]]
 
 
@@ -34,7 +34,7 @@ def split_size(scenario: Scenario, split: SplitName) -> int:
 
 
 def check_split(split: object) -> SplitName:
-    """Return ``split`` when there is such a split, else raise a ValueError that says so."""
+    """Return ``split`` if it names a split; raise a ValueError otherwise."""
     for name in SPLITS:
         if isinstance(split, str) and split == name:
             return name
@@ -42,7 +42,7 @@ def check_split(split: object) -> SplitName:
 
 
 def check_number(scenario: Scenario, split: SplitName, number: object) -> int:
-    """Return ``number`` as an int when ``split`` has such an episode, else raise a ValueError that says so."""
+    """Return ``number`` as an int if ``split`` has an episode of this number; raise a ValueError otherwise."""
     size = split_size(scenario, split)
     read = as_integer(number)
     if read is None:
@@ -58,16 +58,17 @@ def episode_keys(split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.uin
 
 
 def fresh_keys(secret: int, numbers: Sequence[int]) -> NDArray[np.uint64]:
-    """Return the keys of episodes that are in no split, by a number that nobody knows before they are flown.
+    """Return keys of episodes that belong to no split. Nobody may know ``secret`` before the episodes are flown.
 
-    The two highest bits are those of no split. The others are hashed by SHA-256: from one key nobody finds another.
+    The two highest bits have the value 3, which no split uses. The other bits come from SHA-256 of ``secret`` and the
+    episode's number, so that no key can be computed from other keys.
     """
     digests = [hashlib.sha256(f"uavbench fresh {secret} {number}".encode()).digest() for number in numbers]
     return np.uint64(3 << 62) | np.array([int.from_bytes(digest[:8], "little") >> 2 for digest in digests], dtype=np.uint64)
 
 
 def train_numbers(seed: int, first: int, count: int) -> NDArray[np.int64]:
-    """Return the numbers of a learner's train episodes ``first`` to ``first + count``: another row for every seed.
+    """Return the numbers of a learner's train episodes ``first`` to ``first + count − 1``; each seed has its own sequence.
 
     Raises
     ------
@@ -85,12 +86,12 @@ def _fixed(scenario: Scenario, split: str) -> Split:
 
 
 def frozen_columns(scenario: Scenario, split: str) -> Columns | None:
-    """Return the frozen episodes of ``split``; None when it has no file.
+    """Return the frozen episodes of ``split``; None if it has no file.
 
     Raises
     ------
     ScenarioError
-        When the file is missing, or its SHA-256 is not the scenario's.
+        When the file is missing or damaged, or when its SHA-256 or its number of episodes is not the one in the scenario.
     """
     if split == "train":
         return None
@@ -102,7 +103,7 @@ def frozen_columns(scenario: Scenario, split: str) -> Columns | None:
 
 @lru_cache(maxsize=32)
 def _read_frozen(scenario: Path, split: str, path: Path, sha256: str, episodes: int) -> Columns:
-    """Read a frozen file, and refuse one that is not of this scenario."""
+    """Read a frozen file, and refuse a file that does not belong to this scenario."""
     try:
         content = read_bounded(path, ARRAYS_BYTES)
     except FileError as error:

@@ -1,7 +1,7 @@
-"""Files: what is read is plain and of bounded size, the same arrays give the same bytes, and a file is written whole or not.
+"""Reading files of bounded size, packing arrays into reproducible bytes, and writing files atomically.
 
-Whoever reads a file that the package did not bring reads it by `read_bounded` or one of the functions built on it: the file
-may come from anybody, and may be a pipe that never ends.
+Every file that does not ship with the package is read by `read_bounded` or a function built on it: anybody may have written
+the file, and it may be a pipe that never ends.
 """
 
 import contextlib
@@ -25,17 +25,17 @@ from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError, one_line
 
-#: The most bytes that a file of each kind may have.
+#: The maximum size of each kind of file, in bytes.
 TOML_BYTES = 2**16
 TABLE_BYTES = 2**26  # of a CSV or JSON file: a million episodes
 ARRAYS_BYTES = 2**28  # of an .npz file, packed and unpacked
 MODEL_BYTES = 2**30  # of weights and ONNX models
 SOURCE_BYTES = 2**24  # of an agent's Python file
-_MAX_DOTS = 200  # in a line of TOML: the parser's time and memory grow with their square
+_MAX_DOTS = 200  # in a line of TOML: the parser's time and memory grow with the square of their number
 
 
 _LONGEST_NAME = 100
-#: Names that Windows keeps for devices, whatever stands behind a dot.
+#: Names that Windows reserves for devices, with or without an extension.
 _RESERVED = {
     "CON",
     "PRN",
@@ -48,46 +48,46 @@ _RESERVED = {
 
 
 class FileError(UavbenchError, OSError):
-    """A file that cannot be read; the message names it and says why."""
+    """A file cannot be read; the message names the file and the reason."""
 
 
 class NoFileError(FileError, FileNotFoundError):
-    """A file that is not there."""
+    """A file does not exist."""
 
 
 def check_plain(path: Path, most: int) -> None:
-    """Refuse what is not a plain file of at most ``most`` bytes, without waiting for anything: for libraries that read paths.
+    """Refuse a path that is not a plain file of at most ``most`` bytes, without blocking: for libraries that open paths.
 
     Raises
     ------
     FileError
-        When there is no such file, it is a folder, a pipe or a device, is too large, or may not be read.
+        When the file does not exist, is a folder, a pipe or a device, is too large, or cannot be opened.
     """
     os.close(_open_plain(path, most))
 
 
 def read_bounded(path: Path, most: int) -> bytes:
-    """Return the bytes of a plain file, at most ``most``; it may have been written by anybody.
+    """Return the bytes of a plain file of at most ``most`` bytes, which anybody may have written.
 
     Raises
     ------
     FileError
-        As `check_plain`.
+        As for `check_plain`.
     """
     with os.fdopen(_open_plain(path, most), "rb") as file:
         try:
             content = file.read(most + 1)
         except OSError as error:
             raise FileError(f"{one_line(path)}: cannot be read: {error.strerror}") from None
-    if len(content) > most:  # it has grown meanwhile, or its file system does not tell sizes
+    if len(content) > most:  # the file has grown since, or its file system does not report sizes
         raise FileError(_too_large(path, most))
     return content
 
 
 def _open_plain(path: Path, most: int) -> int:
-    """Open a file for reading, if it is plain and not too large; return its descriptor."""
+    """Open a file for reading if it is a plain file and not too large; return its descriptor."""
     name = one_line(path)
-    try:  # a pipe is opened without waiting for somebody who writes into it
+    try:  # O_NONBLOCK: opening a pipe must not wait for a writer
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (FileNotFoundError, NotADirectoryError):
         raise NoFileError(f"{name}: there is no such file") from None
@@ -110,7 +110,13 @@ def _too_large(path: Path, most: int) -> str:
 
 
 def read_text(path: Path, most: int) -> str:
-    """Return the text of a plain file in UTF-8, with or without a byte order mark; as `read_bounded`."""
+    """Return the text of a plain UTF-8 file, with or without a byte order mark.
+
+    Raises
+    ------
+    FileError
+        As for `read_bounded`, and when the file is not valid UTF-8.
+    """
     try:
         return read_bounded(path, most).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
@@ -120,7 +126,13 @@ def read_text(path: Path, most: int) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return what a TOML file holds; as `read_bounded`, and a FileError when it is no TOML."""
+    """Return the content of a TOML file.
+
+    Raises
+    ------
+    FileError
+        As for `read_text`, and when the file is not valid TOML.
+    """
     text = read_text(path, TOML_BYTES)
     for number, line in enumerate(text.split("\n"), 1):
         if line.count(".") > _MAX_DOTS:
@@ -136,8 +148,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -> bytes:
     """Return the bytes of an ``.npz`` file of ``arrays``, in alphabetical order and without pickles.
 
-    The file is built here and not by ``np.savez``: its keywords and defaults differ between the versions of NumPy that we
-    support, and the bytes must not.
+    The bytes must not depend on the version of NumPy, but the keywords and defaults of ``np.savez`` do: it is not used.
 
     Raises
     ------
@@ -150,7 +161,7 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -
             if arrays[name].dtype.hasobject:
                 raise ValueError(f"{name}: holds objects; only numbers and text can be written")
             member = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            member.create_system = 3  # Unix, on every system
+            member.create_system = 3  # always Unix, whatever the system
             member.compress_type = zipfile.ZIP_DEFLATED if compress else zipfile.ZIP_STORED
             with table.open(member, "w", force_zip64=True) as file:
                 np.lib.format.write_array(file, arrays[name], allow_pickle=False)
@@ -158,19 +169,20 @@ def pack_arrays(arrays: Mapping[str, NDArray[Any]], *, compress: bool = False) -
 
 
 def unpack_arrays(content: bytes, most: int = ARRAYS_BYTES) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an ``.npz`` file, whoever wrote it: nothing is run, and no more is unpacked than is allowed.
+    """Return the arrays of an untrusted ``.npz`` file: no code in it is run, and at most ``most`` bytes are unpacked.
 
     Raises
     ------
     ValueError
-        When the bytes are not such a file, or one that holds objects, names with paths, or more than ``most`` bytes.
+        When the bytes are not an ``.npz`` file, or the file holds objects, unpacks to more than ``most`` bytes, or has array
+        names that are not unique identifiers.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as table:
             members = table.infolist()
             names = [member.filename.removesuffix(".npy") for member in members]
             if not all(name.isidentifier() for name in names) or len(set(names)) < len(names):
-                raise ValueError("its arrays are not named each once and plainly")
+                raise ValueError("the names of its arrays are not unique identifiers")
             if sum(member.file_size for member in members) > most:
                 raise ValueError(f"it would unpack to more than {most >> 20} MB")
             return {name: _read_array(table, member) for name, member in zip(names, members, strict=True)}
@@ -179,11 +191,11 @@ def unpack_arrays(content: bytes, most: int = ARRAYS_BYTES) -> dict[str, NDArray
 
 
 def _read_array(table: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
-    """Read one array; what its header promises must be what is there, before memory is taken for it."""
+    """Read one array, after checking that the size in its header is the size of its content."""
     if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{member.filename}: compressed in a way that NumPy does not use")
     with table.open(member) as file:
-        content = file.read(member.file_size + 1)  # without a number, zipfile inflates up to 1 GB and then cuts it to this
+        content = file.read(member.file_size + 1)  # without a size, zipfile decompresses up to 1 GB before it cuts the content
     header = io.BytesIO(content)
     version = np.lib.format.read_magic(header)
     if version not in ((1, 0), (2, 0)):
@@ -191,23 +203,23 @@ def _read_array(table: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     try:
         shape, fortran_order, dtype = read(header)
-    except (SyntaxError, tokenize.TokenError, MemoryError, RecursionError):  # of the parser of Python's own literals
-        raise ValueError(f"{member.filename}: its header is no array's") from None
+    except (SyntaxError, tokenize.TokenError, MemoryError, RecursionError):  # raised by Python's parser of literals
+        raise ValueError(f"{member.filename}: its header is not the header of an array") from None
     rest = content[header.tell() :]
     if dtype.hasobject or dtype.names is not None:
         raise ValueError(f"{member.filename}: holds objects instead of numbers")
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(rest):
-        raise ValueError(f"{member.filename}: says shape {shape} of {dtype}, holds {len(rest)} bytes")
+        raise ValueError(f"{member.filename}: its header says shape {shape} of {dtype}, but it holds {len(rest)} bytes")
     return np.frombuffer(rest, dtype).reshape(shape, order="F" if fortran_order else "C").copy()
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that no file or folder can have on some system, or that breaks the lines it is printed in.
+    """Refuse a name that a file or folder cannot have on every system, or that would break the line it is printed in.
 
     Raises
     ------
     ValueError
-        Then; the message says why.
+        When the name is refused; the message says why.
     """
     if not name or len(name) > _LONGEST_NAME:
         raise ValueError(f"{one_line(name, repr)}: a name has 1 to {_LONGEST_NAME} characters")
@@ -220,32 +232,32 @@ def check_name(name: str) -> None:
 
 
 def check_writable(folder: Path) -> None:
-    """Make a folder if need be, and raise the OSError that writing into it would, before the work is done."""
+    """Create ``folder`` if it is missing, and raise the OSError that writing into it would raise, before any work is done."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:
-        error.filename = str(folder)  # not the name of a file that nobody asked for
+        error.filename = str(folder)  # the user does not know the name of the temporary file
         raise
 
 
 def check_file_writable(path: Path) -> None:
-    """Make the folder of a file if need be, and raise the OSError that writing the file would, before the work is done."""
+    """Create the folder of a file if it is missing, and raise the OSError that writing the file would raise."""
     check_writable(path.absolute().parent)
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
 
 
 def write_atomic(path: Path, content: bytes) -> None:
-    """Write a file so that it is there as a whole, or as it was before, whatever happens meanwhile."""
+    """Write a file atomically: if this is interrupted, the file holds either all of ``content`` or what it held before."""
     write_together({path: content})
 
 
 def write_together(contents: Mapping[Path, bytes]) -> None:
-    """Write files, each as a whole, and none before all are on the disk and can take their places.
+    """Write files atomically; none of them takes its place before all of them are on the disk.
 
-    Those of one folder take their places together, whatever happens meanwhile: see `moved_together`.
+    The files of one folder take their places together, even if the process is killed: see `moved_together`.
     """
     folders = {path: path.parent for path in contents}
     for path, parent in folders.items():
@@ -263,14 +275,15 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
 
 
 def replace_folders(new: Mapping[Path, Path]) -> None:
-    """Put folders in the places of others, by place: all, or none if one fails; all places are in one folder.
+    """Move folders to their places (the keys of ``new``), which may hold older ones: all of them, or none if one fails.
 
-    Several processes may do so at once: the folders of one of them are there in the end, each as a whole.
+    All places are in one parent folder. Several processes may do this at the same time: in the end the places hold the
+    complete folders of one of them.
     """
     (parent,) = {place.parent for place in new}
     with moved_together(parent) as staging:
         for place in new:
-            if place.exists() and not os.access(place, os.W_OK):  # it could be moved away, but not deleted then
+            if place.exists() and not os.access(place, os.W_OK):  # it could be moved away, but then not deleted
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(place))
         moved: list[Path] = []
         try:
@@ -283,16 +296,17 @@ def replace_folders(new: Mapping[Path, Path]) -> None:
             raise
 
 
-# What takes the place of something else is first put together in a folder of its own beside it. When it is all there, one
-# rename makes that folder a promise: whoever comes next, and holds the lock, keeps it if the process was killed meanwhile.
+# New content is first collected in a staging folder beside the places that it will take. When it is complete, one rename
+# turns the staging folder into a promise: if the process is killed before it has moved everything to its place, the next
+# process that writes into the parent folder completes the move.
 _STAGING, _PROMISE, _OLD = ".uavbench-new-", ".uavbench-ready-", ".uavbench-old-"
 
 
 @contextlib.contextmanager
 def moved_together(parent: Path) -> Generator[Path]:
-    """Give a folder in ``parent``; what is in it after the block takes its place in ``parent``: all of it or nothing.
+    """Yield a staging folder in ``parent``; after the block its content is moved to ``parent``, either all of it or nothing.
 
-    A process that is killed leaves all that was there before, or something that `finish_moves` makes all that is new.
+    A process that is killed leaves either the old content of ``parent``, or an incomplete move that `finish_moves` completes.
     """
     with _alone_in(parent) as alone:
         _finish(parent, alone)
@@ -308,7 +322,7 @@ def moved_together(parent: Path) -> Generator[Path]:
 
 
 def finish_moves(parent: Path) -> None:
-    """Finish what a killed process left half moved in a folder, if it did; where that cannot be done, leave all as it is."""
+    """Complete a move that a killed process left incomplete in ``parent``; if that fails, the old content stays in place."""
     with contextlib.suppress(OSError):
         if any(parent.glob(f"{_PROMISE}*")):
             with _alone_in(parent) as alone:
@@ -316,16 +330,16 @@ def finish_moves(parent: Path) -> None:
 
 
 def _finish(parent: Path, alone: bool) -> None:
-    """Keep the promises of killed processes, and delete what they had not promised yet."""
+    """Complete the moves that killed processes have promised, and delete what they had not promised yet."""
     for promise in sorted(parent.glob(f"{_PROMISE}*")):
         _keep(promise)
-    if alone:  # else another process may be at work there
+    if alone:  # otherwise another process may still use these folders
         for left in [*parent.glob(f"{_STAGING}*"), *parent.glob(f"{_OLD}*")]:
             shutil.rmtree(left, ignore_errors=True)
 
 
 def _keep(promise: Path) -> None:
-    """Move everything in a folder to its place in the parent; on failure, everything back."""
+    """Move the content of the folder ``promise`` to its place in the parent; if that fails, move everything back."""
     parent = promise.parent
     old = Path(tempfile.mkdtemp(prefix=_OLD, dir=parent))
     made = sorted(promise.iterdir())
@@ -335,7 +349,7 @@ def _keep(promise: Path) -> None:
             place = parent / each.name
             if place.is_dir():
                 place.replace(old / each.name)
-            elif place.exists() and len(made) > 1:  # a file is not moved away first: it is there at any time
+            elif place.exists() and len(made) > 1:  # a file is copied, not moved away, so that it exists at any time
                 shutil.copy2(place, old / each.name)
             moved.append(each)
             each.replace(place)
@@ -355,10 +369,10 @@ def _keep(promise: Path) -> None:
 
 @contextlib.contextmanager
 def _alone_in(folder: Path) -> Generator[bool]:
-    """Wait until no other process moves things in a folder; say whether the system could promise that.
+    """Wait until no other process moves things in ``folder``; yield whether the system could guarantee that.
 
-    The lock is on the folder itself and ends with the process: nothing is left when that is killed. Windows and some network
-    drives have no such lock: there, processes that publish the same name at the same time may disturb each other.
+    The lock is on the folder itself and ends with the process, so a killed process leaves no lock behind. Windows and some
+    network drives have no such lock: there, processes that write the same names at the same time may disturb each other.
     """
     try:
         import fcntl

@@ -1,10 +1,11 @@
-"""The decorator of every compiled function, and the place where machine code is cached.
+"""The decorator of all compiled functions, and the cache of their machine code.
 
-Numba looks only at the file of a function to decide whether its cached machine code is still good, but kernels call
-kernels of other files. So the cache folder is named by a digest of the whole package: a change anywhere compiles anew.
+To decide whether cached machine code is still valid, Numba looks only at the file of the function, but kernels call kernels
+of other files. The name of the cache folder therefore contains a digest of the whole package, so that everything is compiled
+again after any change. Only a folder that the user names in NUMBA_CACHE_DIR is used as it is.
 
-A cache must never stop a program: where no folder can be written, the next one is taken or none, and what is damaged in a
-cache is compiled again. Numba itself would run machine code that was cut short.
+The cache must never stop a program: if a folder cannot be written, the next one is used, and if there is none, nothing is
+cached. Damaged files of the cache are recognised and compiled again; Numba itself would run truncated machine code.
 """
 
 import contextlib
@@ -27,19 +28,19 @@ from numba.core import caching
 _F = TypeVar("_F", bound=Callable[..., Any])
 _R = TypeVar("_R")
 _DIGEST_BYTES = hashlib.sha256().digest_size
-_SAID = "UAVBENCH_CACHE_WARNED"  # in the environment, so that worker processes do not say it again
+_SAID = "UAVBENCH_CACHE_WARNED"  # in the environment, so that worker processes do not repeat the warning
 
 
 def _warn(line: str) -> None:
-    """Print one line, once in this process and its workers."""
+    """Print a warning of one line, unless this process or its parent has printed one already."""
     if _SAID not in os.environ:
         os.environ[_SAID] = "1"
         print(f"uavbench: {line}", file=sys.stderr)  # noqa: T201
 
 
 def _folders() -> Iterator[Path]:
-    """Return the folders where machine code of exactly these sources may be cached, the best first."""
-    wished = cast("Any", numba).config.CACHE_DIR  # a user's NUMBA_CACHE_DIR wins
+    """Yield the folders where machine code may be cached, the best first."""
+    wished = cast("Any", numba).config.CACHE_DIR  # NUMBA_CACHE_DIR takes precedence
     if wished:
         yield Path(wished)
     package = Path(__file__).resolve().parents[1]
@@ -48,11 +49,11 @@ def _folders() -> Iterator[Path]:
         digest.update(path.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
     inside = package / "__pycache__" / name
-    if not inside.exists():  # a user's folder may serve other installations, this one serves us alone
+    if not inside.exists():  # only this folder is ours alone: other installations may use the folders below
         for stale in inside.parent.glob("kernels-*"):
             shutil.rmtree(stale, ignore_errors=True)
     yield inside
-    with contextlib.suppress(RuntimeError):  # there is no home: HOME is not set, and the system does not know the user
+    with contextlib.suppress(RuntimeError):  # no home directory: HOME is not set, and the system does not know the user
         yield Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "uavbench" / name
     own = _own_temporary_folder()
     if own:
@@ -60,7 +61,7 @@ def _folders() -> Iterator[Path]:
 
 
 def _own_temporary_folder() -> Path | None:
-    """Return this user's folder for temporary files, if nobody else can write there: cached code is run."""
+    """Return this user's temporary folder; None if others could write there, because cached code is executed."""
     user = os.getuid() if hasattr(os, "getuid") else "cache"
     try:
         folder = Path(tempfile.gettempdir()) / f"uavbench-{user}"
@@ -73,18 +74,18 @@ def _own_temporary_folder() -> Path | None:
 
 
 def _usable(folder: Path) -> bool:
-    """Say whether files can be written in a folder, which is made if need be."""
+    """Return whether files can be written in ``folder``, which is created if it is missing."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder) as file:
-            file.write(bytes(4096))  # a full disk still makes empty files
+            file.write(bytes(4096))  # empty files can be created even on a full disk
     except (OSError, ValueError):
         return False
     return True
 
 
 def _cache_folder() -> str | None:
-    """Return the first folder that can be written; None where there is none."""
+    """Return the first folder that can be written; None if there is none."""
     refused: list[Path] = []
     for folder in _folders():
         if _usable(folder):
@@ -100,15 +101,15 @@ _IndexDataCacheFile: Any = caching.IndexDataCacheFile  # which has no types
 
 
 def _base(file: Any) -> Any:
-    """Return ``super()`` of a `_CheckedFile`, untyped as Numba is."""
+    """Return ``super()`` of a `_CheckedFile` as Any, because Numba has no types."""
     return cast("Any", super(_CheckedFile, file))
 
 
 class _CheckedFile(_IndexDataCacheFile):
-    """Numba's files of one function, each with the SHA-256 of what follows it; a damaged one counts as missing."""
+    """Numba's cache files of one function, each followed by its SHA-256; a damaged file counts as missing."""
 
     def save(self, key: Any, data: Any) -> None:
-        """Save machine code; where it cannot be written, it stays uncached."""
+        """Save machine code; if it cannot be written, it is not cached."""
         try:
             _base(self).save(key, data)
         except OSError as error:
@@ -139,11 +140,11 @@ class _CheckedFile(_IndexDataCacheFile):
             raise
         except Exception:
             _warn(f"{self._data_path(name)} is damaged: compiled again")
-            raise OSError("damaged") from None  # for which Numba compiles anew
+            raise OSError("damaged") from None  # Numba catches it and compiles again
 
 
 def _check_digest(path: str) -> None:
-    """Raise a ValueError when a file does not end in the SHA-256 of what is before; pickles do not mind what follows."""
+    """Raise a ValueError if a file does not end with the SHA-256 of the rest. Pickle ignores the bytes after its data."""
     content = Path(path).read_bytes()
     if hashlib.sha256(content[:-_DIGEST_BYTES]).digest() != content[-_DIGEST_BYTES:]:
         raise ValueError(path)
@@ -163,9 +164,9 @@ def kernel(function: _F) -> _F:
 def parallel_kernel(function: Callable[..., _R]) -> Callable[..., _R]:
     """Compile ``function``, whose first parameter is a number of threads, as a `kernel` with loops over ``numba.prange``.
 
-    Such a kernel only divides the slots of a batch among calls of another kernel: slots know nothing of each other, so the
-    results are the same to the last bit, whatever the number of threads. It is compiled when it is first called, which costs
-    nothing to those who never ask for threads.
+    Such a kernel only divides the slots of a batch among calls of another kernel. Slots are independent of each other, so the
+    results are the same to the last bit for any number of threads. It is compiled at its first call, so that it costs nothing
+    where threads are never used.
     """
     compiled = _cached(cast("Any", numba).njit(error_model="numpy", parallel=True)(function))
 
@@ -183,14 +184,14 @@ def parallel_kernel(function: Callable[..., _R]) -> Callable[..., _R]:
 
 
 def _cached(compiled: Any) -> Any:
-    """Let a compiled function keep its machine code in the cache folder."""
+    """Make a compiled function store its machine code in the cache folder."""
     if _CACHE_FOLDER is None:
         return compiled
     config = cast("Any", numba).config
     before, config.CACHE_DIR = config.CACHE_DIR, _CACHE_FOLDER
     try:
         compiled.enable_caching()
-    except (OSError, RuntimeError):  # Numba found no place for it: the folder has gone since
+    except (OSError, RuntimeError):  # Numba cannot use the folder: it has been removed since
         return compiled
     finally:
         config.CACHE_DIR = before
@@ -200,13 +201,13 @@ def _cached(compiled: Any) -> Any:
 
 @kernel
 def share(size: int, part: int, parts: int) -> tuple[int, int]:
-    """Return where part ``part`` of ``parts`` equal ones of ``size`` slots begins, and where the next one does."""
+    """Divide ``size`` slots into ``parts`` almost equal parts; return where part ``part`` and the next one begin."""
     return size * part // parts, size * (part + 1) // parts
 
 
 @contextlib.contextmanager
 def compilations_told(begin: Callable[[], None], end: Callable[[], None]) -> Generator[None]:
-    """Call ``begin`` and ``end`` around everything that Numba compiles, or reads from its cache, in the block."""
+    """Within the block, call ``begin`` before and ``end`` after each compilation by Numba or read from its cache."""
     event: Any = importlib.import_module("numba.core.event")
     base: Any = event.Listener
 

@@ -1,7 +1,7 @@
 """Random numbers computed from keys instead of drawn from a shared stream.
 
-Source: SplitMix64 (Steele, Lea, Flood, OOPSLA 2014), whose output function is a bijective hash, so that any element of
-a stream can be computed alone. The same key gives the same numbers in any batch, order, worker and process.
+Source: SplitMix64 (Steele, Lea, Flood, OOPSLA 2014). Its output function is a bijective hash, so that any element of a
+stream can be computed without the others. The same key gives the same numbers in any batch, order, worker and process.
 """
 
 import math
@@ -18,14 +18,14 @@ _30, _27, _31, _32, _11, _58 = (np.uint64(n) for n in (30, 27, 31, 32, 11, 58))
 _UNIT = 1.0 / 9007199254740992.0  # 2⁻⁵³
 _LARGEST = 1.0 - _UNIT
 
-# What a stream is for: streams of one key with different purposes are independent.
+# The purposes of streams: streams of one key with different purposes are independent.
 START, CONTENT, NOISE, AGENT, SCATTER, TEAM = (np.uint64(n) for n in (1, 2, 3, 4, 5, 17))  # why 17: ADR 5
 
 
 @kernel
 def mix(z: np.uint64) -> np.uint64:
     """Hash 64 bits to 64 bits, bijectively."""
-    z = np.uint64(z)  # Python calls a kernel with an int for what a kernel returned
+    z = np.uint64(z)  # in Python a kernel's result is an int, and may be passed to the next kernel
     z = (z ^ (z >> _30)) * _MIX_1
     z = (z ^ (z >> _27)) * _MIX_2
     return z ^ (z >> _31)
@@ -52,7 +52,7 @@ def next_integer(cursor: NDArray[np.uint64], count: int) -> int:
 
 @kernel
 def _unit(bits: np.uint64) -> float:
-    """Map 64 bits to [0, 1), 53 of them used."""
+    """Map 64 bits, of which 53 are used, to [0, 1)."""
     return np.float64(np.int64(bits >> _11)) * _UNIT
 
 
@@ -77,7 +77,7 @@ def normal_of(bits: np.uint64) -> float:
 
 @kernel
 def normal_above(bits: np.uint64) -> float:
-    """Return a number that `normal_of` of the same bits does not exceed, from a table of 64."""
+    """Return an upper bound of `normal_of` of the same bits, read from a table of 64 values."""
     return _ABOVE[np.uint64(bits) >> _58]
 
 
@@ -91,7 +91,7 @@ def normal(start: np.uint64, index: int) -> float:
 def normal_quantile(p: float) -> float:
     """Return the standard normal quantile of ``p``, 0 < p < 1 (Wichura 1988, algorithm AS 241, PPND16).
 
-    Three times faster than Box and Muller's transform: no logarithm in 85 % of the calls.
+    It is three times faster than the Box-Muller transform, because 85 % of the calls need no logarithm.
     """
     centred = p - 0.5
     if abs(centred) <= 0.425:
@@ -142,8 +142,8 @@ _TAIL = (
     (6.65790464350110377720e0, 1.0),
 )
 
-# The quantiles of 1/64, …, 63/64 and the largest drawn, and a margin for their rounding.
+# The quantiles of 1/64, …, 63/64 and of the largest number drawn, plus a margin for rounding errors.
 _ABOVE = np.array([normal_quantile(min((n + 1) / 64, _LARGEST)) for n in range(64)]) + 1e-9
 
-#: The coefficients of `normal_quantile`, for those who compute it elsewhere.
+#: The coefficients of `normal_quantile`, for implementations in other languages.
 QUANTILE = {"centre": _CENTRE, "shoulder": _SHOULDER, "tail": _TAIL}

@@ -1,6 +1,6 @@
-"""The parameters that a scenario is made of: rewards, observation sizes, and those of each mission.
+"""The parameters of a scenario: rewards, observation sizes, and those of each mission.
 
-Light to import: reading a scenario must not wait for a compiler.
+This module does not import Numba: scenarios must be quick to read.
 """
 
 import importlib
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from uavbench.world.scenario import Scenario
 
 
-#: The cells of a map.
+#: The characters that stand for the cells of a map.
 FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
 
 
 def _named(where: str) -> Any:
-    """Return what ``"module:name"`` names. The parameters name their rules, as the world may not import them."""
+    """Return what ``"module:name"`` names. Parameters name the rules of a mission, because ``world`` may not import them."""
     module, _, name = where.partition(":")
     return getattr(importlib.import_module(module), name)
 
@@ -33,7 +33,7 @@ class Record(BaseModel):
 
 
 def ordered(bounds: tuple[float, float]) -> tuple[float, float]:
-    """Refuse a range turned around."""
+    """Refuse a range whose lower bound exceeds its upper bound."""
     if bounds[0] > bounds[1]:
         raise ValueError(f"the lower bound {bounds[0]} exceeds the upper bound {bounds[1]}: write [low, high]")
     return bounds
@@ -54,11 +54,11 @@ class Rewards(Record):
     Attributes
     ----------
     movement : float
-        r_mov, paid by every action except a successful landing.
+        r_mov, for every action except a successful landing.
     safety : float
-        r_sc, paid when the UAV stayed in place without hovering or landing successfully.
+        r_sc, for every action with which the UAV stays in place without hovering or landing successfully.
     crash : float
-        r_crash, paid when the budget ends without a landing.
+        r_crash, when the budget is used up without a landing.
     collect : float
         r_c, per newly covered cell or per collected data unit.
     """
@@ -84,19 +84,19 @@ class ObservationSizes(Record):
 
 
 class Words(NamedTuple):
-    """What pictures say about a mission. An empty text leaves its entry out.
+    """The texts in the legends of a mission's pictures. An empty text leaves its entry out.
 
     Attributes
     ----------
     target, done : str
-        A cell of the target map that is not 0, and one that was not 0 at the start and is now.
+        For a cell of the target map that is not 0, and for one that was not 0 at the start and is 0 now.
     movement : str
-        An arrow.
+        For an arrow.
     mark : str
-        A mark of `uavbench.simulation.missions.Mission.marks`. Pictures of a mission without marks colour the cells of the
-        target map.
+        For a mark of `uavbench.simulation.missions.Mission.marks`. Pictures of a mission without marks colour the cells of
+        the target map.
     shade : str
-        A cell that `uavbench.simulation.missions.Mission.shade` darkens.
+        For a cell that `uavbench.simulation.missions.Mission.shade` darkens.
     """
 
     target: str = "target"
@@ -110,7 +110,7 @@ Pooling = Literal["map", "counts", "spots"]
 
 
 class MissionParameters(Record):
-    """The parameters of a mission, and what can be said of it without compiling anything.
+    """The parameters of a mission, and what can be told about it without compiling anything.
 
     A subclass adds its parameters and narrows ``kind`` to one ``Literal``.
 
@@ -119,17 +119,17 @@ class MissionParameters(Record):
     kind : str
         The mission's name in scenario files.
     file : Path, optional
-        The Python file that defines the mission; None for missions that come with the suite. In a scenario's file it is
-        relative to that file.
+        The Python file that defines the mission; None for missions that come with the suite. A scenario's file names it
+        relative to itself.
     sha256 : str, optional
-        SHA-256 of that file, with line ends of a Unix system. It is part of the scenario's digest.
+        SHA-256 of that Python file with Unix line endings. It is part of the scenario's digest.
     words : Words
         What pictures say about the mission.
     counted : str
-        What targets are called where a report counts them; empty where it tells their share of all cells.
+        What a report that counts the targets calls them; empty if it gives their share of all cells instead.
     pooling : {"map", "counts", "spots"}
-        What a mission keeps of the target map besides it, for a faster observation: nothing; the counts of targets that are
-        all 1; or a list of few targets. See `uavbench.simulation.pooling`.
+        What the state keeps besides the target map, for faster observations: nothing; the numbers of targets in blocks of
+        cells, if all targets are 1; or a list of the targets, if they are few. See `uavbench.simulation.pooling`.
     """
 
     kind: Any
@@ -141,7 +141,7 @@ class MissionParameters(Record):
 
     @property
     def max_targets(self) -> int:
-        """How many cells of the target map can be other than 0, for ``pooling`` by ``"spots"``."""
+        """The largest number of cells of the target map that can differ from 0; used if ``pooling`` is ``"spots"``."""
         return 0
 
     @property
@@ -151,7 +151,7 @@ class MissionParameters(Record):
 
     @property
     def layers(self) -> dict[str, float]:
-        """The mission's own layers of the observation, besides the target map: their largest values by their names."""
+        """The names and largest values of the layers that the mission adds to the observation, besides the target map."""
         return {}
 
     @property
@@ -169,13 +169,13 @@ class MissionParameters(Record):
         """Return the mission, with arrays for a batch of ``num_envs`` episodes."""
 
     def check_map(self, rows: tuple[str, ...]) -> None:
-        """Raise a ValueError that names the parameter when the parameters do not fit the map ``rows``."""
+        """Raise a ValueError that names the wrong parameter if the parameters do not fit the map ``rows``."""
 
     def viewer(self, shape: tuple[int, int]) -> dict[str, Any] | None:
-        """Return what the leaderboard's page needs to fly the mission on a map of ``shape``, besides the parameters."""
+        """Return what the leaderboard's page needs besides the parameters to fly the mission on a map of ``shape``."""
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle a mission of a user's file by that file: another process has to import it first."""
+        """Pickle a mission of a user's file as plain values: the process that reads them must import that file first."""
         if self.file is None:
             return super().__reduce_ex__(protocol)
         from uavbench.world.registry import read_mission
@@ -191,9 +191,9 @@ class Coverage(MissionParameters):
     camera_size : int
         Side of the square that the camera sees, in cells; odd, at most 7.
     shapes : (int, int)
-        Fewest and most random shapes that make the targets, at most 100.
+        Smallest and largest number of random shapes that make up the targets; at most 100.
     target_fraction : (float, float)
-        Smallest and largest part of all cells that the shapes cover, buildings not yet removed.
+        Smallest and largest fraction of all cells that the shapes cover before buildings are removed.
     """
 
     kind: Literal["coverage"]
@@ -253,9 +253,9 @@ class Harvesting(MissionParameters):
     Attributes
     ----------
     devices : (int, int)
-        Fewest and most devices.
+        Smallest and largest number of devices.
     data : (float, float)
-        Least and most data of a device at the start, in data units.
+        Smallest and largest amount of data of a device at the start, in data units.
     communication_steps : int
         Communication steps per move.
     cell_size, altitude : float
@@ -292,7 +292,7 @@ class Harvesting(MissionParameters):
 
     @property
     def max_targets(self) -> int:
-        """How many cells of the target map can be other than 0."""
+        """The largest number of cells of the target map that can differ from 0."""
         return self.devices[1]
 
     @property
@@ -302,7 +302,7 @@ class Harvesting(MissionParameters):
 
     @property
     def exact(self) -> bool:
-        """Whether transitions are the same to the last bit on every platform: logarithms differ in the last digits."""
+        """Whether transitions are the same to the last bit on every platform. No: logarithms differ in the last digits."""
         return False
 
     @property
@@ -315,7 +315,7 @@ class Harvesting(MissionParameters):
         return _named("uavbench.simulation.missions.harvesting:HarvestingMission")(scenario, self, city, num_envs)
 
     def check_map(self, rows: tuple[str, ...]) -> None:
-        """Raise a ValueError when the map has fewer cells for devices than there may be devices."""
+        """Raise a ValueError if the map has fewer cells for devices than the largest number of devices."""
         places = sum(row.count(FREE) + row.count(NO_FLY) for row in rows)
         if places < self.devices[1]:
             raise ValueError(
@@ -324,5 +324,5 @@ class Harvesting(MissionParameters):
             )
 
     def viewer(self, shape: tuple[int, int]) -> dict[str, Any]:
-        """Return the channel on a map of ``shape``."""
+        """Return the parameters of the channel on a map of ``shape``."""
         return _named("uavbench.simulation.missions.channel:channel_of")(self, shape)._asdict()

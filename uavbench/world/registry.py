@@ -1,4 +1,4 @@
-"""Which missions there are, by the ``kind`` that scenario files give: the registered ones, and those of a user's own files."""
+"""The missions that scenario files can name by their ``kind``: registered missions, and missions of a user's own files."""
 
 import hashlib
 import importlib.util
@@ -19,7 +19,7 @@ _REGISTERED: dict[str, type[MissionParameters]] = {}
 
 
 class MissionError(UavbenchError, ValueError):
-    """A mission that cannot be registered; the message says why."""
+    """A mission cannot be registered; the message says why."""
 
 
 def register_mission(parameters: type[MissionParameters]) -> None:
@@ -28,12 +28,12 @@ def register_mission(parameters: type[MissionParameters]) -> None:
     Parameters
     ----------
     parameters : type of MissionParameters
-        The class of its parameters, whose ``kind`` is a ``Literal`` of one text.
+        The class of the mission's parameters. Its ``kind`` is a ``Literal`` of one text.
 
     Raises
     ------
     MissionError
-        When a method is missing, the kind is no such ``Literal``, or another mission has it.
+        When a method is missing, ``kind`` is not a ``Literal`` of one text, or another mission has the same kind.
     """
     reason = _unusable(parameters)
     if reason:
@@ -44,12 +44,12 @@ def register_mission(parameters: type[MissionParameters]) -> None:
 
 
 def read_mission(values: Any) -> Any:
-    """Turn the table ``[mission]`` of a scenario into the parameters of its kind; parameters are returned as they are.
+    """Turn the table ``[mission]`` of a scenario into parameters of its kind; return unchanged what already are parameters.
 
     Raises
     ------
     pydantic.ValidationError
-        When something is wrong with it; its locations are those of the table's fields.
+        When the table is wrong; the locations in the error are fields of the table.
     """
     if isinstance(values, MissionParameters):
         return values
@@ -60,7 +60,7 @@ def read_mission(values: Any) -> Any:
 
 
 class _Head(BaseModel):
-    """The fields that say which class has the others."""
+    """The fields that decide which class of parameters the other fields belong to."""
 
     sha256: str | None = None
     file: Path | None = None
@@ -79,7 +79,7 @@ class _Head(BaseModel):
     @field_validator("kind")
     @classmethod
     def _known(cls, kind: str, info: ValidationInfo) -> str:
-        if "file" not in info.data:  # it was refused
+        if "file" not in info.data:  # the file was refused
             return kind
         path = info.data["file"]
         known = _REGISTERED if path is None else _classes(path)
@@ -90,7 +90,7 @@ class _Head(BaseModel):
 
 
 def _read(path: Path) -> tuple[bytes, str]:
-    """Return a mission's file with line ends of a Unix system, and the SHA-256 of that."""
+    """Return the content of a mission's file with Unix line endings, and its SHA-256."""
     try:
         content = read_bounded(path, _MAX_BYTES).replace(b"\r\n", b"\n")
     except FileError as error:
@@ -99,7 +99,7 @@ def _read(path: Path) -> tuple[bytes, str]:
 
 
 def _classes(path: Path) -> dict[str, type[MissionParameters]]:
-    """Import a mission's file, once as long as it is not edited, and return the missions that it defines by their kinds."""
+    """Import a mission's file, if it is new or was edited, and return the missions that it defines, by kind."""
     content, sha256 = _read(path)
     module = _module(path, content, f"uavbench_mission_{path.stem}_{sha256}")
     found: dict[str, type[MissionParameters]] = {}
@@ -118,15 +118,15 @@ def _classes(path: Path) -> dict[str, type[MissionParameters]]:
 
 
 def _module(path: Path, content: bytes, name: str) -> ModuleType:
-    """Run the content of a file as a module of its own."""
+    """Return the module ``name``; run ``content`` as this module if it is not loaded yet."""
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # pydantic looks annotations up there
+    sys.modules[name] = module  # pydantic looks up annotations there
     try:
-        exec(compile(content, path, "exec"), vars(module))  # the bytes that the digest is of
+        exec(compile(content, path, "exec"), vars(module))  # the same bytes that were hashed
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise ValueError(f"importing {path} raised {type(error).__name__}: {error}") from None
@@ -134,7 +134,7 @@ def _module(path: Path, content: bytes, name: str) -> ModuleType:
 
 
 def _unusable(parameters: type[MissionParameters]) -> str | None:
-    """Return what a class of parameters lacks."""
+    """Return why a class of parameters cannot be used; None if it can."""
     missing = sorted(getattr(parameters, "__abstractmethods__", ()))
     if missing:
         return f"it does not define {', '.join(missing)}"

@@ -1,4 +1,4 @@
-"""Where the shipped scenarios, baselines and weights are, in a wheel and in a checkout alike."""
+"""Paths of the shipped scenarios, baselines and weights, in a wheel and in a checkout."""
 
 import tomllib
 from functools import lru_cache
@@ -32,11 +32,11 @@ def baseline_paths() -> dict[str, Path]:
 
 @lru_cache
 def earlier_digests() -> dict[str, list[str]]:
-    """Return the digests of earlier versions of the built-in agents that take the same actions as today's, by name."""
+    """Return, by agent, the digests of earlier versions of the built-in agents that take the same actions as now."""
     return tomllib.loads((_folder("baselines") / "earlier.toml").read_text(encoding="utf-8"))
 
 
 def shipped_weights(agent: str) -> dict[str, Path]:
-    """Return the files of the weights that a built-in agent comes with, by the scenario's id."""
+    """Return the shipped files of weights of a built-in agent, by scenario id."""
     found = sorted((_folder("baselines") / "weights").glob(f"{agent}-*.safetensors"))
     return {path.stem.removeprefix(f"{agent}-"): path for path in found}

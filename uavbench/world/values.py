@@ -1,6 +1,6 @@
-"""Values that users hand over, read as plain integers, lists and arrays whatever library they come from, and named in messages.
+"""Reading the values that users pass, from any library, as plain integers, lists and arrays, and showing them in messages.
 
-Nothing here raises: a value that cannot be read is None, however it fails, and the caller says what was expected.
+Nothing here raises: a value that cannot be read becomes None, and the caller says what was expected.
 """
 
 import operator
@@ -12,23 +12,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LONGEST = 120  # characters of a value in a message
-_INTEGERS = (int, np.integer)  # made once: a union of types made at every call takes longer than the call
+_INTEGERS = (int, np.integer)  # built once: building a union of types at every call would take longer than the check
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = _LONGEST // 2
 _REPR.maxlevel = 3
 
 
 def as_integer(value: object) -> int | None:
-    """Return an integer as an int; None for anything else, booleans and arrays with a dimension included.
+    """Return an integer as an int; None for anything else, including booleans and arrays with one dimension or more.
 
-    An integer of Python or NumPy counts, and an array of integers without a dimension: ``np.array(3)``, ``torch.tensor(3)``.
+    Integers of Python and NumPy are accepted, and zero-dimensional arrays of integers: ``np.array(3)``, ``torch.tensor(3)``.
     """
     if isinstance(value, _INTEGERS) and not isinstance(value, bool):
         return int(cast("Any", value))
     try:
         given: Any = value
         if isinstance(value, bool) or tuple(getattr(given, "shape", ())) or "bool" in str(getattr(given, "dtype", "")):
-            return None  # PyTorch calls an array of one element an integer, and a boolean too
+            return None  # PyTorch would convert any tensor with one element to an integer, even a boolean one
         return operator.index(given)
     except Exception:
         return None
@@ -46,7 +46,7 @@ def as_list(value: object) -> list[Any] | None:
 
 
 def as_array(value: object) -> NDArray[Any] | None:
-    """Return numbers or booleans as an array of bool, integers or float64; None where they are none, or of no common shape."""
+    """Return numbers or booleans as an array of bool, integers or float64; None for other values and for ragged lists."""
     try:
         array = np.asarray(value)
         if array.dtype.kind == "f":
@@ -58,7 +58,7 @@ def as_array(value: object) -> NDArray[Any] | None:
 
 
 def shown(value: object) -> str:
-    """Return how a message names a value: its representation on one line, cut where it is long; its type if it has none."""
+    """Return a value as a message shows it: its representation on one line, shortened if long, or its type if that fails."""
     try:
         text = " ".join(_REPR.repr(value).split())
     except Exception:

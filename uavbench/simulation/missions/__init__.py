@@ -1,6 +1,6 @@
 """What a mission is: how its targets are drawn, and what a step covers or collects.
 
-Light to import: scenarios are read without a compiler. docs/missions.md shows how to write one.
+This module does not import Numba, so that it is quick to import. docs/missions.md shows how to write a mission.
 """
 
 from abc import ABC, abstractmethod
@@ -16,52 +16,52 @@ if TYPE_CHECKING:
 
 
 class Mission(ABC):
-    """What the simulator asks of a mission. ``index`` names slots of the batch; B is its size.
+    """What the simulator requires of a mission. ``index`` names slots of the batch; B is the size of the batch.
 
-    A mission owns the target map of the state (``target``, and ``counts`` or ``spots`` if its parameters name such a
-    ``pooling``), the sums that belong to it (``total`` and ``remaining``), its layers of the observation (``layers``), and
-    whatever arrays it needs besides, which it names in `arrays`.
+    A mission maintains the target map of the state (``target``, and ``counts`` or ``spots`` if its parameters name such a
+    ``pooling``), the sums over it (``total`` and ``remaining``), the mission's own layers of the observation (``layers``), and
+    any other arrays that it needs, which it names in `arrays`.
     """
 
-    #: How many threads `sample` and `collect` may use: the simulator sets it. A mission need not use more than one.
+    #: How many threads `sample` and `collect` may use. The simulator sets it; a mission may use fewer.
     threads: int = 1
 
-    #: The one option of ``reset`` that sets the targets by hand.
+    #: The name of the option of ``reset`` that sets the targets by hand.
     option: ClassVar[str]
 
     @abstractmethod
     def sample(self, state: "State", index: NDArray[np.int64]) -> None:
-        """Begin episodes in the slots ``index``: draw their targets from their keys, and reset the mission's own arrays."""
+        """Start episodes in the slots ``index``: draw their targets from their keys, and reset the mission's own arrays."""
 
     @abstractmethod
     def columns(self, state: "State", index: NDArray[np.int64]) -> "Columns":
-        """Return the targets that the episodes in the slots ``index`` began with, as columns of a table of episodes."""
+        """Return the targets of the episodes just started in the slots ``index``, as columns of a table of episodes."""
 
     @abstractmethod
     def restore(self, state: "State", index: NDArray[np.int64], columns: "Columns") -> None:
-        """Begin episodes in the slots ``index`` with the targets of the rows of ``columns``, and reset the own arrays."""
+        """Start episodes in the slots ``index`` with the targets in the rows of ``columns``, and reset the mission's arrays."""
 
     @abstractmethod
     def fits(self, columns: "Columns") -> bool:
-        """Say whether frozen columns can be of this scenario."""
+        """Return whether frozen columns can belong to this scenario."""
 
     @abstractmethod
     def parse(self, value: Any) -> "Columns":
-        """Turn the option of ``reset`` into columns of one row, or raise a ValueError that says what is wrong."""
+        """Turn the value of the option of ``reset`` into columns with one row; raise a ValueError if the value is wrong."""
 
     @abstractmethod
     def collect(self, state: "State", uav: int) -> None:
-        """Cover or collect with UAV ``uav`` of every slot, where it flies on, and add the gain to its reward."""
+        """Cover or collect with UAV ``uav`` of every slot where it is active, and add the gain times r_c to its reward."""
 
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Return the mission's own arrays that change in an episode or from episode to episode, each of shape (B, …).
+        """Return the mission's own arrays that change within an episode or between episodes, each of shape (B, …).
 
-        The simulator copies their rows when it takes or sets the state of a slot, so what is not in here is lost then.
+        The simulator copies their rows when it gets or sets the state of a slot; other arrays are not saved or restored.
         """
         return {}
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
-        """Return what agents on the state track see of slot ``i`` besides the target map, by name."""
+        """Return by name the arrays that agents on the state track see of slot ``i`` besides the target map."""
         return {}
 
     def marks(self, i: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
@@ -72,5 +72,5 @@ class Mission(ABC):
         return np.zeros((0, 2), dtype=np.int32), np.zeros(0)
 
     def shade(self, i: int) -> NDArray[np.float32] | None:
-        """Return how dark pictures of slot ``i`` draw each cell, shape (M, N), in [0, 1]; None for no shade anywhere."""
+        """Return how dark pictures of slot ``i`` draw each cell, shape (M, N), in [0, 1]; None for no shade."""
         return None

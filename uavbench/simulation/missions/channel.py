@@ -9,11 +9,11 @@ from uavbench.world.kernel import kernel
 from uavbench.world.parameters import Harvesting
 
 _NEPERS_PER_DB = math.log(10.0) / 10.0
-_LAST_PLACE = 2.0**-52  # of the 52 bits of a float64's fraction
+_LAST_PLACE = 2.0**-52  # the value of the last of the 52 bits of a float64's fraction
 
 
 class Channel(NamedTuple):
-    """The channel's parameters, with logarithms taken where a kernel wants them.
+    """The channel's parameters, in the form that the kernels need.
 
     A pair is indexed by line of sight: 0 without, 1 with.
     """
@@ -29,8 +29,8 @@ class Channel(NamedTuple):
 def channel_of(parameters: Harvesting, shape: tuple[int, int]) -> Channel:
     """Return the channel on a map of ``shape``.
 
-    γ = 10^(s/10) · (√2/2 · M · cell)^α_los with M the longer side: the signal-to-noise ratio is s at that distance in
-    line of sight. The exponent with line of sight normalises both.
+    γ = 10^(s/10) · (√2/2 · M · cell)^α_los, where M is the map's longer side: at the distance √2/2 · M · cell with line of
+    sight, the signal-to-noise ratio is s. The same γ, with the exponent for line of sight, is used without line of sight.
     """
     exponent, variance = parameters.path_loss_exponent, parameters.fading_variance
     edge = math.sqrt(2.0) / 2.0 * max(shape) * parameters.cell_size
@@ -46,24 +46,24 @@ def channel_of(parameters: Harvesting, shape: tuple[int, int]) -> Channel:
 
 @kernel
 def log_snr_of(channel: Channel, y: int, x: int, r: float, c: float, clear: int) -> float:
-    """Return ln SNR, without fading, of a UAV at (r, c) to a device in cell (y, x), in line of sight if ``clear`` is 1.
+    """Return ln SNR, without fading, between a UAV at (r, c) and a device in cell (y, x); ``clear`` is 1 with line of sight.
 
-    The logarithm, as it needs one logarithm where the ratio would need two powers.
+    It returns the logarithm because this takes one call of log, while the ratio itself would take two powers.
     """
     return channel.log_gain - channel.half_exponent[clear] * math.log(square_of(channel, y, x, r, c))
 
 
 @kernel
 def square_of(channel: Channel, y: int, x: int, r: float, c: float) -> float:
-    """Return the square of the distance, in m², of a UAV at (r, c) to a device in cell (y, x)."""
+    """Return the square of the distance, in m², between a UAV at (r, c) and a device in cell (y, x)."""
     down, right = (y - r) * channel.cell_size, (x - c) * channel.cell_size
     return down * down + right * right + channel.altitude * channel.altitude
 
 
 @kernel
 def log_below(x: float) -> float:
-    """Return a number that ln ``x`` is not below, and above by less than 0.06.
+    """Return a lower bound of ln ``x`` that is less than 0.06 too low.
 
-    The bits of a float64, read as an integer, are its exponent and then its fraction f, and log₂(1 + f) is at least f.
+    The bits of a float64, read as an integer, are its exponent followed by its fraction f, and log₂(1 + f) is at least f.
     """
     return (np.float64(np.float64(x).view(np.int64)) * _LAST_PLACE - 1023.0) * math.log(2.0) - 1e-9

@@ -23,11 +23,11 @@ from uavbench.world.scenario import Scenario, ScenarioError
 from uavbench.world.values import as_array, shown
 
 _ATTEMPTS = 10_000  # redraws of the shapes before the scenario is refused; the paper's need about 3
-_MIN_ATTEMPTS, _PAINTED = 100, 10**9  # on large maps fewer: all redraws may paint about so many cells
+_MIN_ATTEMPTS, _PAINTED = 100, 10**9  # on large maps fewer redraws: together they may paint about 10⁹ cells
 
 
 class CoverageMission(Mission):
-    """CPP for a batch of episodes; all its state is the target map.
+    """CPP for a batch of episodes. Its whole state is in the target maps.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class CoverageMission(Mission):
         self.views = camera_views(scenario)
 
     def sample(self, state: State, index: NDArray[np.int64]) -> None:
-        """Draw targets: random shapes, redrawn until they cover the right part of all cells, less the buildings."""
+        """Draw random shapes until they cover the required fraction of all cells; targets are their cells outside buildings."""
         low, high = self._parameters.target_fraction
         min_shapes, max_shapes = self._parameters.shapes
         attempts = min(_ATTEMPTS, max(_MIN_ATTEMPTS, _PAINTED // (self._city.building.size * max_shapes)))
@@ -54,7 +54,7 @@ class CoverageMission(Mission):
         if not (_sample_apart(self.threads, index, *arrays, *drawn) if self.threads > 1 else _sample(index, *arrays, *drawn)):
             raise ScenarioError(
                 f"{self._name}: mission.target_fraction: {min_shapes} to {max_shapes} shapes did not cover {low} to {high} "
-                f"of the cells (with one outside buildings) in {attempts} attempts: widen it, or change mission.shapes"
+                f"of the cells (at least one outside buildings) in {attempts} attempts: widen it, or change mission.shapes"
             )
 
     def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
@@ -71,7 +71,7 @@ class CoverageMission(Mission):
             count_targets(state.target[i], state.counts[i])
 
     def fits(self, columns: Columns) -> bool:
-        """Say whether frozen columns can be of this scenario: a bit for every cell, none on a building."""
+        """Return whether frozen columns can belong to this scenario: a bit for every cell, and no target on a building."""
         if "targets" not in columns:
             return False
         cells = self._city.building.size
@@ -97,7 +97,7 @@ class CoverageMission(Mission):
         return {"targets": np.packbits(mask.astype(bool).reshape(1, -1), axis=1)}
 
     def collect(self, state: State, uav: int) -> None:
-        """Cover what the cameras see, and add r_c per newly covered cell to the rewards."""
+        """Cover what the camera of UAV ``uav`` sees in each slot, and add r_c per newly covered cell to its reward."""
         arrays: tuple[Any, ...] = (
             uav,
             state.position,
@@ -122,8 +122,8 @@ def camera_views(scenario: Scenario) -> NDArray[np.uint64]:
     Returns
     -------
     ndarray of uint64, shape (M, N), read-only
-        Bit (i · s + j) of a cell is 1 where row i, column j of the s×s square around it is on the map, not a building
-        and visible from the cell (s the camera's size).
+        Bit (i · s + j) of a cell is 1 if row i, column j of the s×s square around the cell is on the map, not a building,
+        and visible from the cell; s is the camera's size.
     """
     assert isinstance(scenario.mission, Coverage)
     return _views(city_of(scenario), scenario.mission.camera_size // 2)
@@ -144,7 +144,7 @@ def _views(city: City, reach: int) -> NDArray[np.uint64]:
 
 @kernel
 def _all_views(building: NDArray[np.bool_], reach: int) -> NDArray[np.uint64]:
-    """Look around from every cell."""
+    """Compute the views of all cells: see `camera_views`."""
     rows, cols = building.shape
     views = np.zeros((rows, cols), dtype=np.uint64)
     seen = np.zeros((rows, cols), dtype=np.bool_)
@@ -176,7 +176,7 @@ def _sample(
     high: float,
     attempts: int,
 ) -> bool:
-    """Draw the targets of the slots ``index``; return whether every one succeeded."""
+    """Draw the targets of the slots ``index``; return False if the attempts of a slot were not enough."""
     cursor = np.empty(1, dtype=np.uint64)
     grid = np.empty(building.shape, dtype=np.uint8)
     cells = building.size
@@ -199,7 +199,7 @@ def _sample(
 
 @parallel_kernel
 def _sample_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> bool:
-    """Do the same with several threads."""
+    """Call `_sample` with several threads."""
     drawn = np.empty(threads, dtype=np.bool_)
     for part in prange(threads):
         first, last = share(len(index), part, threads)
@@ -209,7 +209,7 @@ def _sample_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> bool:
 
 @kernel
 def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32]) -> int:
-    """Make the painted cells that are not buildings the targets; return their number."""
+    """Make targets of the painted cells that are not buildings; return their number."""
     left = 0
     painted, walls, kept = grid.reshape(-1), building.reshape(-1), target.reshape(-1)
     for c in range(len(painted)):
@@ -234,7 +234,7 @@ def _collect(
     reach: int,
     value: float,
 ) -> None:
-    """Cover what UAV ``uav`` sees in the slots [``first``, ``last``), where it flies on."""
+    """Cover what UAV ``uav`` sees in those of the slots [``first``, ``last``) where it is active."""
     side = 2 * reach + 1
     for i in range(first, last):
         if done[i, uav]:
@@ -244,7 +244,7 @@ def _collect(
         gain = 0
         for y in range(side):
             for x in range(side):
-                # The view first: it never shows a cell off the map.
+                # The view is tested first, because no cell off the map is in it.
                 if view & np.uint64(1) and target[i, r + y - reach, c + x - reach] > 0.0:
                     target[i, r + y - reach, c + x - reach] = 0.0
                     remove_target(counts[i], r + y - reach, c + x - reach)
@@ -256,7 +256,7 @@ def _collect(
 
 @parallel_kernel
 def _collect_apart(threads: int, uav: int, position: NDArray[np.int32], *rest: Any) -> None:
-    """Do the same in all slots with several threads."""
+    """Call `_collect` for all slots with several threads."""
     for part in prange(threads):
         first, last = share(len(position), part, threads)
         _collect(first, last, uav, position, *rest)
@@ -264,7 +264,7 @@ def _collect_apart(threads: int, uav: int, position: NDArray[np.int32], *rest: A
 
 @kernel
 def _gain(views: NDArray[np.uint64], reach: int, target: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Count the targets that the camera sees from each cell, one place of the view after the other: that vectorises."""
+    """Count the targets that the camera sees from each cell. The outer loops are over the bits of a view: this vectorises."""
     rows, cols = views.shape
     gain = np.zeros((rows, cols), dtype=np.int32)
     bit = np.uint64(0)

@@ -25,7 +25,7 @@ from uavbench.world.values import as_array, shown
 
 _CACHED_SIGHTS = 4096
 
-__all__ = ["Devices", "HarvestingMission", "channel_of", "log_snr_of"]  # agents find the channel here too
+__all__ = ["Devices", "HarvestingMission", "channel_of", "log_snr_of"]  # agents may import the channel from here too
 
 
 class Devices(NamedTuple):
@@ -40,7 +40,7 @@ class Devices(NamedTuple):
     data : ndarray of float64, shape (B, K)
         Data left, in data units.
     sight : ndarray of uint8, shape (B, K, ⌈MN/8⌉)
-        The cells in line of sight of each device, as packed bits (lowest bit first).
+        The cells with line of sight to each device, as packed bits (lowest bit first).
     """
 
     number: NDArray[np.int32]
@@ -50,12 +50,12 @@ class Devices(NamedTuple):
 
 
 class Sights(NamedTuple):
-    """A cache of lines of sight: at most 4096 cells' views of the map, so that its size is linear in the map's.
+    """A cache of lines of sight: the views from at most 4096 cells, so that its size is linear in the size of the map.
 
     Attributes
     ----------
     owner : ndarray of int64, shape (S,)
-        The cell (its row-major index) whose view each place holds; −1 for none.
+        The cell (its row-major index) whose view each entry holds; −1 for none.
     bits : ndarray of uint8, shape (S, ⌈MN/8⌉)
         The views, as packed bits (lowest bit first).
     """
@@ -77,7 +77,7 @@ class HarvestingMission(Mission):
         self._sights = _sights_of(city)
         self._places = np.argwhere(~(city.building | city.landing)).astype(np.int32)
         max_devices = parameters.devices[1]
-        self._served_last = np.full((num_envs, scenario.max_uavs), -1)  # by each UAV: a guess at whom it serves next
+        self._served_last = np.full((num_envs, scenario.max_uavs), -1)  # by each UAV: probably it serves the same device next
         self.devices = Devices(
             number=np.zeros(num_envs, dtype=np.int32),
             cell=np.zeros((num_envs, max_devices, 2), dtype=np.int32),
@@ -110,12 +110,12 @@ class HarvestingMission(Mission):
         self._place(state, index)
 
     def _place(self, state: State, index: NDArray[np.int64]) -> None:
-        """Make what follows from the devices of the slots ``index``."""
+        """Compute everything that follows from the devices of the slots ``index``."""
         arrays = (state.target, state.spots, state.num_spots, state.total, state.remaining)
         _place(index, *arrays, *self.devices, self._city.building, self._sights)
 
     def fits(self, columns: Columns) -> bool:
-        """Say whether frozen columns can be of this scenario: devices where they may be, with data in its range."""
+        """Return whether frozen columns can belong to this scenario: all devices in allowed cells, with data in the range."""
         if not {"device_count", "device_cell", "device_data"} <= columns.keys():
             return False
         low, high = self._parameters.data
@@ -138,7 +138,7 @@ class HarvestingMission(Mission):
         if table.ndim != 2 or table.shape[1] != 3:
             raise ValueError(f"devices: shape {table.shape}, expected (number of devices, 3): rows [row, column, data]")
         if not 1 <= len(table) <= max_devices:
-            raise ValueError(f"devices: {len(table)} of them, the scenario has 1 to {max_devices}")
+            raise ValueError(f"devices: {len(table)} devices, but the scenario has 1 to {max_devices}")
         rows, cols = self._city.shape
         for k, (r, c, data) in enumerate(table.tolist()):
             if not (0 <= r < rows and 0 <= c < cols and r.is_integer() and c.is_integer()):
@@ -149,13 +149,13 @@ class HarvestingMission(Mission):
             if not 0 < data <= largest:
                 raise ValueError(f"devices: device {k} has {data:g} data units, must be above 0 and at most {largest:g}")
         if len(np.unique(table[:, :2], axis=0)) < len(table):
-            raise ValueError("devices: two of them are on one cell")
+            raise ValueError("devices: two devices are on one cell")
         cell, data = np.zeros((1, max_devices, 2)), np.zeros((1, max_devices))
         cell[0, : len(table)], data[0, : len(table)] = table[:, :2], table[:, 2]
         return {"device_count": np.array([len(table)]), "device_cell": cell, "device_data": data}
 
     def collect(self, state: State, uav: int) -> None:
-        """Serve devices in every communication step of the last move, and add r_c per data unit to the rewards."""
+        """Serve devices in every communication step of UAV ``uav``'s last action, and add r_c per data unit to its reward."""
         arrays: tuple[Any, ...] = (
             state.key,
             uav,
@@ -179,7 +179,7 @@ class HarvestingMission(Mission):
             _collect(0, len(state.done), self._channel, *arrays)
 
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
-        """Return ``device_cell`` (K, 2) and ``device_data`` (K,) left."""
+        """Return ``device_cell``, shape (K, 2), and ``device_data``, the data left at each device, shape (K,)."""
         d, k = self.devices, self.devices.number[i]
         return {"device_cell": d.cell[i, :k], "device_data": d.data[i, :k]}
 
@@ -188,12 +188,12 @@ class HarvestingMission(Mission):
         return self.devices._asdict()
 
     def marks(self, i: int) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Return the devices, with the data left at each."""
+        """Return the devices' cells, and the data left at each device."""
         d, k = self.devices, self.devices.number[i]
         return d.cell[i, :k], d.data[i, :k]
 
     def shade(self, i: int) -> NDArray[np.float32]:
-        """Return the share of devices that a cell has no line of sight to; buildings have nothing to see."""
+        """Return for each cell the share of devices without line of sight to it; 0 for buildings."""
         cells: list[list[int]] = self.marks(i)[0].tolist()
         unseen = sum((~self._city.visible(cell)).astype(np.float32) for cell in cells)
         return np.where(self._city.building, 0.0, unseen / max(len(cells), 1)).astype(np.float32)
@@ -233,7 +233,7 @@ def _sample(
 
 @lru_cache(maxsize=32)
 def _sights_of(city: City) -> Sights:
-    """Return the empty cache of a city; its simulators share it."""
+    """Return the cache of a city, which is empty at first; all simulators of the city share it."""
     cells = city.shape[0] * city.shape[1]
     places = min(cells, _CACHED_SIGHTS)
     return Sights(np.full(places, -1, dtype=np.int64), np.zeros((places, (cells + 7) // 8), dtype=np.uint8))
@@ -241,7 +241,7 @@ def _sights_of(city: City) -> Sights:
 
 @kernel
 def _sight(sights: Sights, building: NDArray[np.bool_], r: int, c: int, seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return the packed view from (r, c), from the cache or into it; ``seen`` is scratch space."""
+    """Return the packed view from (r, c), which is computed if the cache does not hold it; ``seen`` is scratch space."""
     rows, cols = building.shape
     cell = r * cols + c
     place = cell % len(sights.owner)
@@ -271,7 +271,7 @@ def _place(
     building: NDArray[np.bool_],
     sights: Sights,
 ) -> None:
-    """Make the target map, the lines of sight and the sums of the slots ``index`` from their devices."""
+    """Compute the target map, the lines of sight and the sums of the slots ``index`` from their devices."""
     seen = np.empty(building.shape, dtype=np.bool_)
     for i in index:
         for j in range(num_spots[i]):
@@ -312,9 +312,9 @@ def _collect(
 ) -> None:
     """Serve the device with the highest rate, in each communication step of UAV ``uav`` in the slots [``first``, ``last``).
 
-    Only the best device is wanted. Bounds that cost neither a logarithm nor a quantile say which devices cannot be it, and the
-    one served last, looked at first, excludes most of the others. No bound is below what it bounds, and of equals the first
-    device is served, so the guess changes nothing but the time.
+    Most devices are excluded by an upper bound of their rate, which takes neither a logarithm nor a quantile. The device that
+    was served last is tried first, because it excludes most of the others. The order does not change the result: no bound is
+    below the rate, and of devices with equal rates the first one is served.
     """
     for i in range(first, last):
         if done[i, uav]:
@@ -339,7 +339,7 @@ def _collect(
                 highest = channel.fading[clear] * normal_above(bits) if noisy else 0.0
                 if channel.log_gain - channel.half_exponent[clear] * log_below(square) + highest < log_snr:
                     continue
-                level = channel.log_gain - channel.half_exponent[clear] * math.log(square)  # it orders devices as the rate does
+                level = channel.log_gain - channel.half_exponent[clear] * math.log(square)  # the rate increases with it
                 if noisy:
                     level += channel.fading[clear] * normal_of(bits)
                 if level > log_snr or (level == log_snr and j < best):
@@ -371,7 +371,7 @@ def _collect_apart(
     key: NDArray[np.uint64],
     *rest: Any,
 ) -> None:
-    """Do the same in all slots with several threads. Numba hands them numbers and arrays, but no named tuple."""
+    """Call `_collect` for all slots with several threads. Numba can pass numbers and arrays to them, but no named tuple."""
     for part in prange(threads):
         channel = Channel(log_gain, (exponent, exponent_los), (fading, fading_los), cell_size, altitude, steps)
         first, last = share(len(key), part, threads)

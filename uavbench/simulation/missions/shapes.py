@@ -1,8 +1,8 @@
 """Random shapes, painted on a grid: the distribution of scikit-image's ``random_shapes`` with overlap allowed.
 
 Compiled and keyed, so that an episode's targets depend on its key alone. Every choice below (which sizes fit, that a
-rectangle's side is at least 2 cells, that polygons own their edges and ellipses do not) is a fact of scikit-image 0.26
-that `tests/missions/test_shapes.py` compares with the original.
+rectangle's side is at least 2 cells, that polygons include their edges and ellipses do not) follows scikit-image 0.26;
+`tests/simulation/missions/test_shapes.py` compares the two.
 """
 
 import math
@@ -14,7 +14,7 @@ from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_integer, next_uniform
 
 _SMALLEST = 2  # scikit-image's min_size
-_TRIALS = 100  # positions tried before a shape is skipped
+_TRIALS = 100  # how often a shape is drawn before it is skipped
 RECTANGLE, CIRCLE, TRIANGLE, ELLIPSE = range(4)
 
 
@@ -27,10 +27,11 @@ def paint_rectangle(grid: NDArray[np.uint8], r: int, c: int, height: int, width:
 
 @kernel
 def paint_triangle(grid: NDArray[np.uint8], r: int, c: int, side: int) -> None:
-    """Paint the triangle on the base from (r, c) to (r, c + side), pointing up, edges included, clipped at the top."""
+    """Paint the triangle with the base from (r, c) to (r, c + side) that points up, edges included, clipped at the top."""
     height, apex = math.ceil(math.sqrt(0.75) * side), side // 2
     for up in range(min(r, height) + 1):
-        # The slanted edges are at apex · up / height from both ends of the base: rounded inwards, in integers.
+        # The slanted edges are apex · up / height from the left end of the base, and (side − apex) · up / height from the
+        # right end; both are rounded inwards, in integers.
         left = (up * apex + height - 1) // height
         right = side - (up * (side - apex) + height - 1) // height
         _fill(grid[r - up, c + left : c + right + 1])
@@ -63,7 +64,7 @@ def _fill(row: NDArray[np.uint8]) -> None:
 
 @kernel
 def _draw_shape(cursor: NDArray[np.uint64], shape: int, grid: NDArray[np.uint8]) -> bool:
-    """Draw one shape of the kind ``shape`` at random and paint it; return whether it fitted."""
+    """Draw a random shape of the kind ``shape``, and paint it if it fits; return whether it does."""
     rows, cols = grid.shape
     largest = max(rows, cols)
     c = next_integer(cursor, max(1, cols - _SMALLEST))
@@ -96,14 +97,14 @@ def _draw_shape(cursor: NDArray[np.uint64], shape: int, grid: NDArray[np.uint8])
 
 @kernel
 def draw_shapes(cursor: NDArray[np.uint64], min_shapes: int, max_shapes: int, grid: NDArray[np.uint8]) -> tuple[int, int]:
-    """Clear ``grid`` and paint ``fewest`` to ``most`` random shapes on it as 1.
+    """Clear ``grid`` and paint ``min_shapes`` to ``max_shapes`` random shapes on it as 1.
 
     Returns
     -------
     painted : int
         Cells covered by the shapes.
     placed : int
-        Shapes painted: those that fitted nowhere in 100 trials are skipped.
+        Shapes painted; a shape that does not fit in 100 trials is skipped.
     """
     grid[:] = 0
     placed = 0
