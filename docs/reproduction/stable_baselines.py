@@ -34,7 +34,7 @@ from uavbench.agents.agent import find_agent
 from uavbench.agents.weights import save_weights
 from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.evaluation.metrics import METRICS
-from uavbench.simulation.memory import keep_freed
+from uavbench.learning.memory import keep_freed
 from uavbench.simulation.observation import Observer
 
 SCENARIO = "Manhattan32-CPP-v0"
