@@ -3,8 +3,8 @@
 Usage: python .ci/changed_submissions.py CHECKOUT. The last commit is compared with its first parent: for the merge of a pull
 request, that is the base branch. The exit status is 1 when something is refused.
 
-Names and contents in the checkout may come from anybody. No name reaches a shell; what does not have the form of a submission is
-refused; all text of the checkout is escaped in the summary.
+Names and contents in the checkout may come from anybody. No name reaches a shell. What does not have the form of a submission
+is refused. All text of the checkout is escaped in the summary.
 """
 
 import html
