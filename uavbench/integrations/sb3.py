@@ -3,6 +3,7 @@
 Needs ``pip install stable-baselines3``; docs/integrations.md shows it in use.
 """
 
+# pyright: basic, reportMissingImports=false
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv as _VecEnv  # pyright: ignore
+from stable_baselines3.common.vec_env import VecEnv as _VecEnv
 
 from uavbench.envs.vector_env import UAVVectorEnv
 from uavbench.world.scenario import Scenario
@@ -19,8 +20,8 @@ from uavbench.world.scenario import Scenario
 class VecEnv(_VecEnv):
     """N environments of a scenario for Stable-Baselines3 and sb3-contrib.
 
-    It gives the same observations, rewards, ends and infos of ended episodes as ``DummyVecEnv`` of N single environments, bit for
-    bit, in a fraction of the time. ``VecMonitor``, ``VecNormalize`` and ``MaskablePPO`` work on it.
+    It gives the same observations, rewards, ends and infos of ended episodes as ``DummyVecEnv`` of N single environments, bit
+    for bit, in a fraction of the time. ``VecMonitor``, ``VecNormalize`` and ``MaskablePPO`` work on it.
 
     Parameters
     ----------
@@ -50,9 +51,7 @@ class VecEnv(_VecEnv):
 
     def __init__(self, scenario: str | Path | Scenario, num_envs: int = 1, *, every_info: bool = False, **kwargs: Any) -> None:
         if "autoreset_mode" in kwargs:
-            raise ValueError(
-                "autoreset_mode: Stable-Baselines3 knows one only, in which the next episode begins in the same step"
-            )
+            raise ValueError("autoreset_mode: in Stable-Baselines3 the next episode always begins in the same step")
         self.envs = UAVVectorEnv(scenario, num_envs, autoreset_mode="SameStep", **kwargs)
         self._every_info = every_info
         self._actions: NDArray[np.int64] = np.zeros(num_envs, dtype=np.int64)
@@ -122,7 +121,7 @@ class VecEnv(_VecEnv):
         values = self.envs.call(method_name, *method_args, **method_kwargs)
         return [values[i] for i in self._get_indices(indices)]
 
-    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper[Any, Any, Any, Any]], indices: Any = None) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: Any = None) -> list[bool]:  # noqa: ARG002
         """Return False for every slot: there are no single environments to wrap."""
         return [False for _ in self._get_indices(indices)]
 
