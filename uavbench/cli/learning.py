@@ -76,7 +76,7 @@ def export(
 
     try:
         source = find_agent(agent)
-        loaded = load_scenario(scenario or source.trained_on)
+        loaded = load_scenario(scenario or source.trained_on, run_code=scenario is not None)
         export_agent(source, loaded, path)
     except (UavbenchError, ValueError) as error:
         raise fail(error) from None

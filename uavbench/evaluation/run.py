@@ -77,7 +77,8 @@ def jobs(
     names = [each for name in scenarios or [source.trained_on] for each in (scenario_paths() if name == "all" else [name])]
     source.load()
     for name in dict.fromkeys(names):
-        scenario = load_scenario(name)
+        # What weights name is a stranger's word, and a scenario may name code: only a user runs it.
+        scenario = load_scenario(name, run_code=scenarios is not None)
         try:
             checked = check_split(split)
         except ValueError as error:

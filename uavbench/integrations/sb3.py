@@ -106,7 +106,7 @@ class VecEnv(_VecEnv):
         """Return an attribute of the slots' environments: see `uavbench.envs.vector_env.UAVVectorEnv.call`."""
         if attr_name == "spec":
             return [None for _ in self._get_indices(indices)]
-        values = (self.render_mode,) * self.num_envs if attr_name == "render_mode" else self.envs.call(attr_name)
+        values = self.envs.call(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:

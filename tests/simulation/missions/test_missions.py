@@ -96,6 +96,20 @@ def test_it_is_trained_and_what_was_trained_flies(patrol):
     assert uavbench_command("evaluate", "--agent", whole, "--scenario", patrol, "--episodes", 3).exit_code == 0
 
 
+@pytest.mark.parametrize("words", [("evaluate", "--agent"), ("export",)])
+def test_weights_run_no_code_of_the_scenario_that_they_name(patrol, words):
+    pytest.importorskip("safetensors")
+    from uavbench.agents.weights import save_weights
+
+    edit(Path("surveillance.py"), '"""Surv', 'open("ran", "w").close()\n"""Surv')
+    record = {"agent": "ddqn", "scenario": "Patrol-v0", "scenario_file": str(patrol)}
+    save_weights(Path("strange.safetensors"), {"x": np.zeros(3)}, record)
+    found = uavbench_command(*words, "strange.safetensors", *(["model.onnx"] if words == ("export",) else []))
+    assert found.exit_code == 2
+    assert f"mission.file: it is code, and runs only if you name the scenario yourself: --scenario {patrol}" in found.stderr
+    assert not Path("ran").exists()
+
+
 @pytest.mark.parametrize("agent", ["planner", "greedy", "orienteering", "tsp", "boustrophedon", "pilot"])
 def test_agents_for_other_missions_decline_in_one_line(patrol, agent):
     if agent == "pilot":
