@@ -324,3 +324,34 @@ def test_draws_every_uav():
 
 def test_team_ids_are_those_of_teams():
     assert [name for name in uavbench.list_scenarios() if uavbench.load_scenario(name).team] == IDS
+
+
+@pytest.mark.parametrize("name", ["Manhattan32-CPP-Team-v0", "Manhattan32-DH-Team-v0"])
+def test_finished_uavs_may_stay_and_nothing_else_changes(name):
+    plain, kept = uavbench.parallel_env(name), uavbench.parallel_env(name, keep_finished=True)
+    random = np.random.default_rng(0)
+    for seed in range(6):
+        (few, _), (many, infos) = plain.reset(seed=seed), kept.reset(seed=seed)
+        assert list(many) == kept.possible_agents == kept.agents
+        while plain.agents:
+            flying = list(plain.agents)
+            assert [agent for agent, info in infos.items() if info["active"]] == flying
+            actions = {agent: int(random.integers(6)) for agent in kept.possible_agents}
+            few, rewards, _, _, told = plain.step({agent: actions[agent] for agent in flying})
+            many, all_rewards, all_done, _, infos = kept.step(actions)
+            for agent in kept.possible_agents:
+                if agent in flying:
+                    assert all_rewards[agent] == rewards[agent]
+                    assert infos[agent]["cr"] == told[agent]["cr"]
+                if agent in plain.agents:
+                    assert all(np.array_equal(few[agent][part], many[agent][part]) for part in few[agent])
+                    assert np.array_equal(infos[agent]["action_mask"], told[agent]["action_mask"])
+                else:
+                    assert not any(values.any() for values in many[agent].values())
+                    assert infos[agent]["action_mask"].tolist() == [0, 0, 0, 0, 1, 0]
+            assert set(all_done.values()) == {not plain.agents}
+        assert kept.agents == []
+
+
+def test_pettingzoos_own_test_passes_with_finished_uavs_kept():
+    parallel_api_test(uavbench.parallel_env("Manhattan32-CPP-Team-v0", keep_finished=True), num_cycles=300)

@@ -94,6 +94,11 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         Another range of movement budgets; the episodes of all splits are drawn anew with it.
     flat : bool
         Whether observations are vectors, for libraries that take no dictionaries.
+    keep_finished : bool
+        Whether ``agents`` are the same at every step of an episode, for libraries that need a fixed set: all of
+        ``possible_agents``. A UAV that has landed or crashed, or that the episode does not have, then stays until the last
+        one is done: its observation is 0 everywhere, its reward 0, its one valid action ``hover``, whatever it is given, and
+        its ``active`` in the info is False. All are terminated together.
     split : {"train", "validation", "test"}
         Where ``reset`` takes episodes from when its options name none.
     start, safe_action_mask
@@ -116,6 +121,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         *,
         num_uavs: int | None = None,
         flat: bool = False,
+        keep_finished: bool = False,
         split: str = "train",
         start: str = "landing",
         safe_action_mask: bool = False,
@@ -133,6 +139,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self.success_cr = check_success(success_cr)
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
+        self._keep_finished = keep_finished
         self.possible_agents = [f"uav_{u}" for u in range(self.scenario.max_uavs)]
         self.agents: list[str] = []
         self._numbers = {agent: u for u, agent in enumerate(self.possible_agents)}
@@ -191,7 +198,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         split, number = self._episodes.choose(given, self._generator)
         simulator.reset(_SLOT, split, [number])
         simulator.customise(0, given)
-        self.agents = self.possible_agents[: int(simulator.state.uavs[0])]
+        self.agents = self._remaining()
         self._pictures.begin([0])
         return self._observe(self.agents), self._infos(self.agents)
 
@@ -213,8 +220,8 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         simulator, state = self.simulator, self.simulator.state
         simulator.step(self._chosen(actions))
         self._pictures.extend()
-        done = {agent: bool(state.done[0, self._numbers[agent]]) for agent in acting}
-        self.agents = [agent for agent in acting if not done[agent]]
+        self.agents = self._remaining()
+        done = {agent: agent not in self.agents for agent in acting}
         rewards = {agent: float(state.reward[0, self._numbers[agent]]) for agent in acting}
         return self._observe(acting), rewards, done, dict.fromkeys(acting, False), self._infos(acting)
 
@@ -234,7 +241,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
             When it is of another scenario. Nothing is changed then.
         """
         self.simulator.set_state(state.simulator)
-        self.agents = [agent for agent, u in self._numbers.items() if not self.simulator.state.done[0, u]]
+        self.agents = self._remaining()
         self._pictures.set_state(state.trails, [0])
 
     def state(self) -> NDArray[np.float32]:
@@ -260,16 +267,26 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         """Close the window, if there is one."""
         self._pictures.close()
 
+    def _remaining(self) -> list[str]:
+        """Return the agents of the next step."""
+        active = [agent for agent in self.possible_agents if self._active(agent)]
+        return list(self.possible_agents) if active and self._keep_finished else active
+
+    def _active(self, agent: str) -> bool:
+        """Return whether an agent's UAV flies."""
+        return not self.simulator.state.done[0, self._numbers[agent]]
+
     def _chosen(self, actions: Mapping[str, Any]) -> NDArray[Any]:
-        """Return the actions as the simulator wants them; UAVs that fly no more hover."""
-        for agent in self.agents:
+        """Return the actions as the simulator wants them; UAVs that do not fly hover."""
+        flying = [agent for agent in self.agents if self._active(agent)]
+        for agent in flying:
             if agent not in actions:
-                raise ValueError(f"actions: none for {agent}; there must be one for each of {', '.join(self.agents)}")
+                raise ValueError(f"actions: none for {agent}; there must be one for each of {', '.join(flying)}")
         for agent in actions:
             if agent not in self._numbers:
                 raise ValueError(f"actions: {shown(agent)} is not an agent; they are {', '.join(self.possible_agents)}")
         chosen = np.full((1, len(self.possible_agents)), HOVER)
-        for agent in self.agents:
+        for agent in flying:
             chosen[0, self._numbers[agent]] = check_action(actions[agent], f" of {agent}")
         return chosen if self.scenario.team else chosen[:, 0]
 
@@ -277,6 +294,9 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         """Return the agents' observations, in fresh arrays."""
         batch = self._observer.empty(len(self.possible_agents))
         self._observer.write(self.simulator.state, np.array([self._numbers[agent] for agent in agents]), batch)
+        if self._keep_finished:
+            for values in batch.values():
+                values[self.simulator.state.done[0]] = 0.0
         observations = {agent: {name: values[self._numbers[agent]] for name, values in batch.items()} for agent in agents}
         if self._flattened is None:
             return observations
@@ -288,6 +308,11 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         each = {"action_mask": masks}
         if self._shows_safe:
             each["safe_action_mask"] = self.simulator.safe_action_mask().reshape(-1, NUM_ACTIONS)
+        if self._keep_finished:
+            finished = self.simulator.state.done[0]
+            for mask in each.values():
+                mask[finished] = np.arange(NUM_ACTIONS) == HOVER
+            each["active"] = ~finished
         team = information_alone(self.simulator, self.success_cr)
         return {agent: {**{name: rows[self._numbers[agent]] for name, rows in each.items()}, **team} for agent in agents}
 
