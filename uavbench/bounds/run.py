@@ -71,11 +71,14 @@ def run_bounds(
     _save(path, scenario, known)
     numbers = [number for number in range(size if episodes is None else episodes) if _is_open(known.get(number), seconds)]
     on_start(len(numbers))
-    for bound in bound_episodes(scenario, numbers, known, results, seconds, workers):
-        old = known.get(bound.episode, Known(bound.episode))
-        known[bound.episode] = bounded(old, scenario, bound.value, bound.method, seconds)
-        _save(path, scenario, known)
-        on_known(known[bound.episode])
+    try:
+        for bound in bound_episodes(scenario, numbers, known, results, seconds, workers):
+            old = known.get(bound.episode, Known(bound.episode))
+            known[bound.episode] = bounded(old, scenario, bound.value, bound.method, seconds)
+            _save(path, scenario, known)
+            on_known(known[bound.episode])
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"interrupted; what is done is kept in {out}, and the same command goes on") from None
     return known
 
 

@@ -4,16 +4,23 @@ import io
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from uavbench.cli import leaderboard, learning, pictures
-from uavbench.cli.shared import DecisionTimeout, ResultFolder, ScenarioFile, fail, flown, number
+from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, fail, flown, number
 from uavbench.cli.speed import speed
 from uavbench.evaluation.interrupt import terminating_interrupts
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from uavbench.evaluation.results import Result
+    from uavbench.world.scenario import Scenario
+
 app = typer.Typer(
+    cls=Commands,
     epilog="\b\nStart with:\n  uavbench new my_agent.py\n  uavbench evaluate --agent my_agent.py",
     no_args_is_help=True,
     rich_markup_mode=None,
@@ -157,10 +164,8 @@ def evaluate(
 
     from uavbench import UavbenchError
     from uavbench.agents.agent import find_agent
-    from uavbench.cli.display import gaps_text, result_table
     from uavbench.cli.progress import episodes_progress
     from uavbench.evaluation.evaluate import AgentDeclinedError, AgentError
-    from uavbench.evaluation.reference import gaps
     from uavbench.evaluation.run import jobs, run
 
     console, start, status = Console(), Path.cwd(), 0
@@ -183,16 +188,7 @@ def evaluate(
                     on_start=lambda count=count: progress.show(count),
                     on_record=lambda record: progress.advance(record.cral),
                 )
-            console.print(result_table(result))
-            known = gaps(result, job.scenario)
-            if known:
-                console.print(gaps_text(known), highlight=False)
-            folder = result.folder.relative_to(start) if result.folder.is_relative_to(start) else result.folder
-            console.print(
-                f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; {folder}",
-                highlight=False,
-                soft_wrap=True,
-            )
+            _print_result(console, result, job.scenario, start)
         except AgentDeclinedError as error:
             if optional:
                 typer.echo(f"{job.scenario.id}: left out: {error.reason}", err=True)
@@ -200,11 +196,22 @@ def evaluate(
                 status = fail(error, 1).exit_code
         except UavbenchError as error:  # the other scenarios are still flown
             status = fail(error, 1 if isinstance(error, AgentError) or len(planned) > 1 else 2).exit_code
-        except KeyboardInterrupt as error:
-            error.args = ("interrupted",)
-            raise fail(error, 1) from None
     if status:
         raise typer.Exit(status)
+
+
+def _print_result(console: "Console", result: "Result", scenario: "Scenario", start: Path) -> None:
+    """Print a result's table, its gaps to what is known, and where it is, as seen from the folder ``start``."""
+    from uavbench.cli.display import gaps_text, result_table
+    from uavbench.evaluation.reference import gaps
+
+    console.print(result_table(result))
+    known = gaps(result, scenario)
+    if known:
+        console.print(gaps_text(known), highlight=False)
+    folder = result.folder.relative_to(start) if result.folder.is_relative_to(start) else result.folder
+    line = f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; {folder}"
+    console.print(line, highlight=False, soft_wrap=True)
 
 
 @app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
@@ -301,8 +308,6 @@ def bound(
         console.print(str(out / f"{loaded.id}.csv"), highlight=False, soft_wrap=True)
     except (UavbenchError, ImportError) as error:
         raise fail(error) from None
-    except KeyboardInterrupt:
-        raise fail(f"interrupted; what is done is kept in {out}, and the same command goes on", 1) from None
 
 
 @app.command(epilog="\b\nExample:\n  uavbench freeze my_city.toml")

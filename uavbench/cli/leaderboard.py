@@ -168,8 +168,9 @@ def rerun(
                 except RerunInterrupted as interrupted:
                     if interrupted.rerun.episodes:
                         save_rerun(kept, interrupted.rerun)
-                    done = f"the actions of {interrupted.rerun.episodes} episodes are the same, recorded in {kept}"
-                    raise fail(f"interrupted; {done}", 1) from None
+                        done = f"the actions of {interrupted.rerun.episodes} episodes are the same, recorded in {kept}"
+                        raise KeyboardInterrupt(f"interrupted; {done}") from None
+                    raise
             save_rerun(kept, found)
             typer.echo(f"{submission.label}: {agent} took the same actions on {count} episodes, recorded in {kept}")
             if fresh:

@@ -32,11 +32,10 @@ def train(
     from uavbench.learning.train import Training, read_config
     from uavbench.learning.train import train as train_agent
 
-    console, checkpoint = Console(), None
+    console = Console()
     try:
         source = find_agent(agent)
         training = Training(source, load_scenario(scenario), *read_config(source, config), seed, start)
-        checkpoint = training.files(out)[1]
         with training_progress(console, f"{training.label} on {training.scenario.id}") as progress:
             kept = train_agent(
                 training,
@@ -53,10 +52,6 @@ def train(
         raise fail(error) from None
     except OSError as error:
         raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
-    except KeyboardInterrupt:
-        there = checkpoint is not None and checkpoint.exists()
-        hint = f"--resume goes on from {checkpoint}" if there else "there was no checkpoint yet"
-        raise fail(f"interrupted; {hint}", 1) from None
 
 
 def export(

@@ -89,8 +89,6 @@ def play(
         fly(loaded, checked, episode, lambda record: typer.echo(_score(record.episode, record.landed, record.cr, record.cral)))
     except (UavbenchError, ValueError, ImportError) as error:
         raise fail(error) from None
-    except KeyboardInterrupt:
-        raise typer.Exit(1) from None
 
 
 def _score(episode: int, landed: bool, cr: float, cral: float) -> str:

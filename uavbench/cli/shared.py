@@ -3,12 +3,26 @@
 import math
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+import typer.core
 
 if TYPE_CHECKING:
     from uavbench.evaluation.results import Result
+
+
+class Commands(typer.core.TyperGroup):
+    """The commands: an interrupt, by Ctrl-C or SIGTERM, ends each of them with one line that says what was kept."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that the arguments name."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            error.args = error.args or ("interrupted",)
+            raise fail(error, 1) from None
+
 
 ResultFolder = Annotated[Path, typer.Argument(help="A folder that evaluate wrote, OUT/<scenario>/<agent>, or a submission.")]
 

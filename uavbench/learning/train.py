@@ -255,7 +255,7 @@ def train(
         save_weights(checkpoint, learner.snapshot(), training.record(points, spent + time.perf_counter() - started))
     board.close()
     if interrupted:
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(f"interrupted; --resume goes on from {checkpoint}")
     return kept
 
 
