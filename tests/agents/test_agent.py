@@ -75,7 +75,7 @@ def test_what_does_not_keep_the_contract_is_refused(name, message):
 @pytest.mark.parametrize(
     ("signature", "weights", "message"),
     [
-        ("self", None, r"Agent\(\) is not made of \(scenario\); write __init__\(self, scenario\)"),
+        ("self", None, r"Agent\(\) cannot be called with \(scenario\); write __init__\(self, scenario\)"),
         ("self, scenario, weights", None, "weights are given by --weights FILE"),
         ("self, scenario", "w", r"mine\.py takes no weights"),
     ],

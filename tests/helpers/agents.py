@@ -1,4 +1,4 @@
-"""Agents for tests, good and bad; each a class of its own: ``tests/helpers/agents.py:Class``."""
+"""Agents for tests, good and bad, one class each: ``tests/helpers/agents.py:Class``."""
 
 import contextlib
 import os
@@ -11,7 +11,7 @@ import numpy as np
 
 
 class One:
-    """Random by the episode's seed, one episode at a time, and by what it sees."""
+    """Takes random valid actions, which depend on the episode's seed and on the observation; decides for one UAV at a time."""
 
     def __init__(self, scenario):
         self.most = scenario.budget[1]
@@ -28,7 +28,7 @@ class One:
 
 
 class Many(One):
-    """The same for many episodes at once."""
+    """The same as `One`, for many episodes at once."""
 
     def reset(self, info):
         super().reset(info)
@@ -43,7 +43,7 @@ class Many(One):
 
 
 class Seer:
-    """Checks what the state track shows."""
+    """Checks the state that an agent on the state track sees."""
 
     track = "state"
 
@@ -80,7 +80,7 @@ class Seer:
 
 
 class Together(One):
-    """The same as One, for a whole team at once."""
+    """The same as `One`, for a whole team at once."""
 
     track = "state"
 
@@ -91,7 +91,7 @@ class Together(One):
 
 
 class OnlyTogether:
-    """Decides for teams alone, and so for teams of one."""
+    """Has ``act_team`` only, which therefore also decides where there is one UAV."""
 
     track = "state"
 
@@ -117,7 +117,7 @@ class TogetherButBlind(OnlyTogether):
 
 
 class WrongAlone:
-    """Fails for one of the team."""
+    """Returns a wrong action for one UAV of the team."""
 
     def __init__(self, scenario):
         pass
@@ -127,7 +127,7 @@ class WrongAlone:
 
 
 class Blind:
-    """Looks for the state on the observation track."""
+    """Returns a wrong action if the observation track shows the state."""
 
     def __init__(self, scenario):
         pass
@@ -195,14 +195,14 @@ class Exits(_Bad):
 
 
 class Dies(_Bad):
-    """Takes its process with it."""
+    """Ends its process with the exit status 1."""
 
     def answer(self):
         os._exit(1)
 
 
 class DiesQuietly(_Bad):
-    """Ends its process as if all were well."""
+    """Ends its process with the exit status 0, as if all were well."""
 
     def answer(self):
         os._exit(0)
@@ -214,7 +214,7 @@ class ExitsInArray(_Bad):
 
 
 class _Array:
-    """What NumPy asks for an array, and gets something else."""
+    """Runs a function when NumPy converts it to an array."""
 
     def __init__(self, do):
         self._do = do
@@ -231,14 +231,14 @@ def _endless(x):
 
 
 class Compiled(_Bad):
-    """Does not come back from compiled code, which hears no signal."""
+    """Never returns from compiled code, in which Python handles no signals."""
 
     def answer(self):
         return _endless(4)
 
 
 class Stubborn(_Bad):
-    """Catches whatever it is stopped with."""
+    """Catches every exception that could stop it."""
 
     def answer(self):
         while True:
@@ -247,7 +247,7 @@ class Stubborn(_Bad):
 
 
 class Deaf(_Bad):
-    """Uses the alarm signal for something else."""
+    """Ignores the alarm signal, and takes too long."""
 
     def answer(self):
         signal.signal(signal.SIGALRM, signal.SIG_IGN)
@@ -260,7 +260,7 @@ class EndlessArray(_Bad):
 
 
 class Unreadable(_Bad):
-    """Raises what cannot even be shown."""
+    """Raises an exception whose message cannot be read."""
 
     def answer(self):
         class HiddenError(Exception):
@@ -271,7 +271,7 @@ class Unreadable(_Bad):
 
 
 class Slowly(Blind):
-    """Takes a while for each decision, but not too long for any."""
+    """Takes some time for each decision, but for none too long."""
 
     def act(self, observation, info):
         time.sleep(0.002)
@@ -279,7 +279,7 @@ class Slowly(Blind):
 
 
 class Compiles(Blind):
-    """Compiles for seconds in its first decision, and in all the others decides at once."""
+    """Compiles for seconds in its first decision, and makes all others at once."""
 
     def act(self, observation, info):
         if not hasattr(self, "decide"):
@@ -327,7 +327,7 @@ class BadInit:
 
 
 class Remembers(Blind):
-    """Its actions depend on what was flown before."""
+    """Takes actions that depend on the episodes flown before, which the contract forbids."""
 
     count = 0
 

@@ -1,4 +1,4 @@
-"""What tests of the leaderboard read from a board, and do to its submissions."""
+"""Reading a leaderboard and changing its submissions, for tests."""
 
 import csv
 import io

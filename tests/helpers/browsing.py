@@ -1,8 +1,8 @@
-"""The leaderboard's page in a browser, as a visitor uses it."""
+"""Using the leaderboard's page in a browser as a visitor does."""
 
 
 def watch(page, scenario, agent, episode=None):
-    """Choose a scenario and open a flight."""
+    """Choose a scenario, and open a flight of an agent."""
     page.select_option("#scenario", scenario)
     page.click(f"tr[data-name={agent}] .open")
     page.wait_for_selector(f".pane h3:has-text('{agent} · {scenario}')")

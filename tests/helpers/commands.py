@@ -1,4 +1,4 @@
-"""Commands in tests, and results to give them."""
+"""Running commands in tests, and making results for them."""
 
 import json
 import shutil
@@ -13,14 +13,14 @@ def uavbench_command(*arguments):
 
 
 def renamed(result, folder, agent):
-    """Copy a result, of an agent that is called so."""
+    """Copy a result to ``folder``, and name its agent ``agent``."""
     shutil.copytree(result.folder, folder)
     (folder / "summary.json").write_text(json.dumps({**result.summary, "agent": agent}), encoding="utf-8")
     return folder
 
 
 def damaged(result, folder, **changes):
-    """Copy a result, and change its files: text by name, or a function of the text."""
+    """Copy a result to ``folder``, and change files: ``summary_json=f`` replaces the text of summary.json by f(text)."""
     shutil.copytree(result.folder, folder)
     for name, change in changes.items():
         path = folder / name.replace("_", ".", 1)

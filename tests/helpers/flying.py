@@ -1,4 +1,4 @@
-"""Flying baselines in tests."""
+"""Flying agents in tests."""
 
 from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
@@ -8,12 +8,12 @@ from uavbench.simulation.state_view import StateView
 
 
 def fly(name, agent, numbers):
-    """Return the records of test episodes, by number."""
+    """Return the records of an agent's test episodes, by number."""
     return {r.episode: r for r in evaluate(Job(find_agent(agent), load_scenario(name), "test"), numbers)}
 
 
 def fly_world(agent, world, **options):
-    """Fly one episode set by hand; return its actions and what became of it."""
+    """Fly one episode, which ``options`` set as in `UAVEnv.reset`; return its actions and the last info."""
     flown, env = find_agent(agent).make(world), UAVEnv(world)
     observation, info = env.reset(seed=0, options=options)
     flown.reset(info)
@@ -25,7 +25,7 @@ def fly_world(agent, world, **options):
 
 
 def check_forgets(agent, name):
-    """An agent whose episodes are broken off begins the next ones as a new agent does."""
+    """Check that an agent whose last episode was broken off begins the next one in the same way as a new agent."""
     world = load_scenario(name)
     env = UAVEnv(world)
 

@@ -1,4 +1,4 @@
-"""A training so small that it takes a second, for tests of what learns. Skips who imports it where PyTorch is missing."""
+"""A training so small that it takes a second. Tests that import this module are skipped if PyTorch is missing."""
 
 from dataclasses import replace
 
@@ -29,6 +29,6 @@ def weights_of(path):
 
 
 def spoilt(arrays, name, array):
-    """Return arrays with one of them changed, or without it where ``array`` is None."""
+    """Return ``arrays`` with one of them replaced by ``array``, or without it if ``array`` is None."""
     found = {**arrays, name: array}
     return {key: value for key, value in found.items() if value is not None}

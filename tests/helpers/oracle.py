@@ -1,7 +1,7 @@
-"""The rules of the world, written literally and slowly, to compare the simulator with.
+"""The rules of the world, written literally and without regard to speed, to compare the simulator with.
 
-Independent of the package: only a scenario's parameters and map come from it. Paper: Theile et al., ICAR 2021, eqs. (1),
-(2) and (5) to (15); the rest from the design's section 3. A team is a list of oracles that share targets: `team`.
+This is independent of the package: only a scenario's parameters and map come from it. The rules are those of the paper (Theile
+et al., ICAR 2021), eqs. (1), (2) and (5) to (15), and of docs/rules.md. A team is a list of oracles that share targets: `team`.
 """
 
 import math
@@ -16,7 +16,7 @@ GOLDEN = 0x9E3779B97F4A7C15
 
 
 def ray(x0, y0, x1, y1):
-    """The cells (x, y) of a ray, source and border cell included; x is the column."""
+    """Return the cells (x, y) of a ray, including source and border cell; x is the column."""
     dx, dy = abs(x0 - x1), -abs(y0 - y1)
     e = dx + dy
     x, y = x0, y0
@@ -33,7 +33,7 @@ def ray(x0, y0, x1, y1):
 
 
 def visible(building, source):
-    """What is not in shadow from ``source`` (row, column)."""
+    """Return the cells that are visible from ``source`` (row, column), as a mask."""
     rows, cols = building.shape
     seen = np.zeros((rows, cols), dtype=bool)
     border = [(y, x) for y in range(rows) for x in range(cols) if y in (0, rows - 1) or x in (0, cols - 1)]
@@ -57,14 +57,14 @@ def stream(key, purpose):
 
 
 def noise(key, step, communication_step, device, uav=0):
-    """A standard normal number, keyed."""
+    """Return a standard normal number that depends on the arguments only."""
     start = stream(stream(key, 3), step)
     bits = mix((start + ((uav << 32) + (communication_step << 16) + device) * GOLDEN) & MASK)
     return NormalDist().inv_cdf(((bits >> 11) + 0.5) / 2**53)
 
 
 def team(scenario, starts, budgets, targets, key=0, noisy=True):
-    """The UAVs of a team, in the order in which they move; step them so."""
+    """Return the UAVs of a team in the order in which they move, which is also the order in which to step them."""
     uavs = [Oracle(scenario, start, budget, targets, key, noisy) for start, budget in zip(starts, budgets, strict=True)]
     for number, uav in enumerate(uavs):
         uav.number, uav.team = number, uavs
@@ -139,7 +139,7 @@ class Oracle:
         return reward
 
     def cover(self):
-        """The camera's square, less buildings, less what is not visible."""
+        """Cover the targets in the camera's square, without buildings and cells that are not visible; return how many."""
         half, gain = self.mission.camera_size // 2, 0
         seen = visible(self.building, self.p)
         for y in range(self.p[0] - half, self.p[0] + half + 1):
@@ -151,7 +151,7 @@ class Oracle:
         return gain
 
     def collect(self, old):
-        """The communication steps of one move."""
+        """Fly the communication steps of one move; return the data collected."""
         m, gain = self.mission, 0.0
         edge = math.sqrt(2) / 2 * max(self.rows, self.cols) * m.cell_size
         gamma = 10 ** (m.edge_snr / 10) * edge**m.path_loss_exponent.los
@@ -180,7 +180,7 @@ class Oracle:
         return gain
 
     def mask(self):
-        """Which actions have their effect; those into a cell of a UAV that moves before may."""
+        """Return which actions are valid; a UAV that moves earlier does not block, since its cell may be free by then."""
         mask = [1] * 6
         later = [other.p for other in self.team[self.number + 1 :] if not other.done]
         for action, (down, right) in MOVES.items():
@@ -190,7 +190,7 @@ class Oracle:
         return mask
 
     def centred(self):
-        """The centred map, padded with [0, 1, 1, 0]: eqs. (5) to (8); in teams two more layers, padded with 0."""
+        """Return the centred map, padded with [0, 1, 1, 0]: eqs. (5) to (8). Teams have two more layers, padded with 0."""
         layers = [self.landing, self.no_fly, self.building, self.target_map()]
         if self.scenario.uavs is not None:
             there, budgets = np.zeros((2, self.rows, self.cols))
@@ -207,7 +207,7 @@ class Oracle:
         return C
 
     def observation(self, local_size, scale):
-        """The local crop and the global means: eqs. (9) to (15)."""
+        """Return the observation, with local crop and global means: eqs. (9) to (15)."""
         C = self.centred()
         top, left = self.rows - 1 - local_size // 2, self.cols - 1 - local_size // 2
         high, wide = C.shape[1] // scale, C.shape[2] // scale

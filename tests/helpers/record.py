@@ -1,4 +1,4 @@
-"""Recording episodes for golden digests: what an id means, as bytes."""
+"""Recording episodes for golden digests, which fix what the id of a scenario stands for."""
 
 import hashlib
 import sys
@@ -14,15 +14,15 @@ EPISODES = 200
 
 
 def actions(step, count):
-    """Actions that wander: any but ``land``, which comes eight times less often than the others."""
+    """Return actions that wander: ``land`` is chosen eight times less often than each other action."""
     bits = [int(mix(np.uint64(1_000_003 * step + k))) for k in range(count)]
     return np.array([5 if b % 41 == 0 else (b >> 8) % 5 for b in bits])
 
 
 def digest(name):
-    """Return the SHA-256 of 200 test episodes: every reward, end, mask, CR and observation.
+    """Return the SHA-256 of 200 test episodes: every observation, mask, reward, end and outcome.
 
-    CPP is hashed to the last bit; DH rounded to 1e-6, since its logarithms differ between platforms in the last digits.
+    CPP is hashed exactly. DH is rounded to 1e-6, since logarithms differ between platforms in their last digits.
     """
     scenario = load_scenario(name)
     exact = scenario.mission.kind == "coverage"

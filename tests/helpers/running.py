@@ -1,4 +1,4 @@
-"""Small evaluations, and what of a result does not tell the time."""
+"""Small evaluations, and the parts of a result that do not depend on the time it took."""
 
 import json
 from pathlib import Path
@@ -17,7 +17,7 @@ def job(name="One", scenario="Block8-DH-v0", **changes):
 
 
 def files(folder):
-    """The files that a result is, without what tells the time."""
+    """Return the contents of a result's files, without entries that depend on the time or the number of workers."""
     summary = json.loads((folder / "summary.json").read_text())
     for name in ("wall_time", "decisions_per_second", "workers"):
         del summary[name]

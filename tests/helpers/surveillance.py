@@ -1,4 +1,4 @@
-"""Surveillance: fly so that every site is seen, and seen again. A site that was seen pays again after some steps."""
+"""Surveillance: see every site, again and again. Some steps after a site was seen, seeing it is rewarded again."""
 
 from typing import ClassVar, Literal
 
@@ -17,11 +17,11 @@ class Surveillance(MissionParameters):
     Attributes
     ----------
     sites : (int, int)
-        Fewest and most sites.
+        Least and largest number of sites.
     reach : int
-        A UAV sees the sites at most so many rows and columns away.
+        A UAV sees the sites that are at most this many rows and columns away.
     cooldown : int
-        Steps until a site that was seen pays again.
+        Number of steps until a site that was seen pays again.
     """
 
     kind: Literal["surveillance"]
@@ -54,8 +54,8 @@ class Surveillance(MissionParameters):
 
 
 class SurveillanceMission(Mission):
-    """The mission; its own arrays are ``wait``, shape (B, M, N): −1 where there is no site, else the steps until it pays
-    again; and ``seen``, shape (B, M, N): which sites have been seen at all.
+    """The mission. It has two arrays of its own, both of shape (B, M, N): ``wait`` is −1 where there is no site, otherwise the
+    number of steps until the site pays again; ``seen`` says which sites have been seen at least once.
     """
 
     option = "sites"
@@ -131,7 +131,7 @@ class SurveillanceMission(Mission):
 
 @kernel
 def _draw(keys, places, fewest, most, sites):
-    """Draw the sites of each key, no two in one cell."""
+    """Draw the sites of each key, at most one per cell."""
     cursor = np.empty(1, dtype=np.uint64)
     for n in range(len(keys)):
         cursor[0] = stream(keys[n], CONTENT)
@@ -144,7 +144,7 @@ def _draw(keys, places, fewest, most, sites):
 
 @kernel
 def _collect(uav, position, done, target, remaining, reward, layers, wait, seen, reach, cooldown, value):
-    """Let a step pass, once for all UAVs, and see with UAV ``uav`` of each slot, where it flies on."""
+    """Let UAV ``uav`` of each slot see sites, if it still flies; for the first UAV, first let the step pass at all sites."""
     rows, cols = target.shape[1:]
     for i in range(len(done)):
         if uav == 0:

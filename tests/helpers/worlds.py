@@ -1,4 +1,4 @@
-"""Scenarios for tests: small, of any shape, made in memory."""
+"""Small scenarios for tests, with maps of any shape, made in memory."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ def scenario(rows, mission=COVERAGE, **changes):
 
 @st.composite
 def maps(draw, smallest=4, largest=9, landing=(1, 3)):
-    """Draw a map of any shape with a landing zone of some cells in a row, at least the fewest of ``landing``."""
+    """Draw a map of any shape with one landing zone, a row of cells, whose number is in the range ``landing``."""
     rows, cols = draw(st.integers(smallest, largest)), draw(st.integers(smallest, largest))
     cells = draw(st.lists(st.sampled_from("....N##"), min_size=rows * cols, max_size=rows * cols))
     grid = np.array(cells).reshape(rows, cols)
@@ -65,13 +65,13 @@ def draw_start(data, rows):
 
 
 def draw_starts(data, rows, number):
-    """Draw landing cells, no two alike."""
+    """Draw ``number`` distinct landing cells."""
     cells = [[r, c] for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == "L"]
     return data.draw(st.permutations(cells))[:number]
 
 
 def draw_targets(data, rows):
-    """Draw a mask of targets outside buildings, at least one."""
+    """Draw a mask of at least one target outside buildings."""
     places = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell != "#"]
     mask = np.zeros((len(rows), len(rows[0])), dtype=bool)
     for cell in data.draw(st.sets(st.sampled_from(places), min_size=1)):
@@ -80,7 +80,7 @@ def draw_targets(data, rows):
 
 
 def draw_devices(data, rows, most=3):
-    """Draw devices outside buildings and landing zones."""
+    """Draw one to ``most`` devices, [row, column, data], outside buildings and landing zones."""
     places = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell in ".N"]
     cells = data.draw(st.lists(st.sampled_from(places), min_size=1, max_size=most, unique=True))
     return [[r, c, data.draw(st.floats(1.0, 20.0))] for r, c in cells]

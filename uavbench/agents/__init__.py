@@ -1,1 +1,1 @@
-"""What an agent is, and how one is loaded: from a name, a file, a module, weights, or an ONNX model."""
+"""What an agent is, and how to load one from a name, a file, a module, weights, or an ONNX model."""

@@ -1,6 +1,6 @@
-"""What an agent is, and loading one from a file or by a built-in's name.
+"""What an agent is, and how one is loaded from a file or by the name of a built-in.
 
-The contract is docs/agents.md; a built-in baseline is loaded by the same code as a user's file.
+docs/agents.md describes the contract. A built-in baseline is loaded by the same code as a user's file.
 """
 
 import hashlib
@@ -30,12 +30,12 @@ CALLS: tuple[Call, ...] = ("act", "act_batch", "act_team")
 
 
 class AgentLoadError(UavbenchError, ValueError):
-    """An agent that cannot be loaded, or does not keep the contract; the message says what to change."""
+    """An agent cannot be loaded, or does not keep the contract; the message says what to change."""
 
 
-#: Built-ins that fly whatever the rules are. The others say here that they do not: their files are what their digests are of.
+#: Built-ins that fly any mission. This is said here and not in their files, because it would change their digests.
 _ANY_MISSION = ("ddqn", "random")
-#: Where an agent is flown if nothing is said.
+#: The scenario on which an agent is flown by default.
 FIRST_SCENARIO = "Manhattan32-CPP-v0"
 _ONNX = Path(__file__).with_name("onnx_agent.py")
 
@@ -51,13 +51,13 @@ class AgentSource:
     class_name : str
         The class in it.
     weights : Path, optional
-        What the class is given besides the scenario: a file that ``uavbench train`` wrote, or an ONNX model; absolute.
+        The file that the class is given besides the scenario: one that ``uavbench train`` wrote, or an ONNX model; absolute.
     module_name : str, optional
-        The name under which the file is imported, ``package.module``; without it the file is a module of its own.
+        The name ``package.module`` under which the file is imported; by default it is a module without a package.
     given_name : str, optional
-        What results are filed under, when it is not the name of a file.
+        The name of the agent in results, if it is not to be that of a file.
     transfer : bool
-        Let weights fly on another map than they were trained on.
+        Allow weights on another map than they were trained on.
     """
 
     path: Path
@@ -68,12 +68,12 @@ class AgentSource:
     transfer: bool = False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Leave out what is cached when it is sent to another process, which loads the agent's file itself."""
+        """Leave out cached values when this is pickled for another process, which loads the agent's file itself."""
         return type(self), tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def name(self) -> str:
-        """What results are filed under: the file's stem, and the class when it is not ``Agent``; with weights their stem."""
+        """The name in results: by default the stem of the weights, or of the file, with the class when it is not ``Agent``."""
         if self.given_name is not None:
             return self.given_name
         if self.weights:
@@ -82,25 +82,25 @@ class AgentSource:
 
     @property
     def file(self) -> Path | None:
-        """The file that makes the agent what it is: that of its weights, or its own; None for a built-in."""
+        """The file of the agent's weights or, without weights, its Python file; None for a built-in without weights."""
         return self.weights or (None if self.built_in else self.path)
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the Python file and of what it imports from its folder: see `uavbench.agents.agent_files.files_digest`."""
+        """SHA-256 of the Python file and its own imported modules: see `uavbench.agents.agent_files.files_digest`."""
         return files_digest(self.path)
 
     @property
     def built_in(self) -> bool:
-        """Whether it comes with the suite."""
+        """Whether the agent comes with the suite."""
         found = resources.baseline_paths().get(self.path.stem)
         return found is not None and found.resolve() == self.path.resolve()
 
     def digest(self, scenario: Scenario) -> str:
-        """Return the SHA-256 of what acts on ``scenario``, as its files are now.
+        """Return the SHA-256 of all files that decide on ``scenario``, as they are now.
 
-        That of the Python files (`sha256`), of the ONNX model, or, where there are weights, that of the digests of Python
-        files and weights, in hex, one after the other.
+        This is the digest of the Python files (`sha256`) or of the ONNX model; with weights, that of the hexadecimal digests
+        of the Python files and of the weights, one after the other.
         """
         weights = self.weights
         if weights is None and self.built_in:
@@ -112,12 +112,12 @@ class AgentSource:
 
     @cached_property
     def trained_on(self) -> str:
-        """The scenario that the weights were trained on, its id or a user's file; where that is not known, the suite's first.
+        """The scenario that the weights were trained on, as an id or a user's file; if it is not known, the suite's first.
 
         Raises
         ------
         AgentLoadError
-            When it is a user's own, whose file is not where it was.
+            When it is a user's own scenario and its file is no longer there.
         """
         record = {} if self.weights is None else training_record(self.weights)
         name = str(record.get("scenario", FIRST_SCENARIO))
@@ -129,7 +129,7 @@ class AgentSource:
         raise AgentLoadError(f"{self.weights}: trained on {name}, a scenario of your own: name its file with --scenario FILE")
 
     def transferred(self, scenario: Scenario) -> bool:
-        """Return whether weights fly on another map than they were trained on."""
+        """Return whether weights are used on another map than they were trained on."""
         return self.transfer and self.weights is not None and is_transfer(training_record(self.weights), scenario)
 
     @property
@@ -139,11 +139,11 @@ class AgentSource:
 
     @property
     def calls(self) -> tuple[Call, ...]:
-        """By which methods the agent decides."""
+        """The methods by which the agent decides."""
         return tuple(name for name in CALLS if callable(getattr(self.load(), name, None)))
 
     def call(self, scenario: Scenario) -> Call:
-        """Return the method that decides on ``scenario``: for a team ``act_team``, for many at once, or one by one."""
+        """Return the method that decides on ``scenario``: the first that the agent has of those for this number of UAVs."""
         team_first = ("act_team", "act_batch", "act") if scenario.team else ("act_batch", "act", "act_team")
         return next(name for name in team_first if name in self.calls)
 
@@ -167,7 +167,7 @@ class AgentSource:
             raise AgentLoadError(f"{self.path}: importing it raised {type(error).__name__}: {one_line(error)}") from error
 
     def load(self) -> Any:
-        """Return the agent's class; it is looked at once.
+        """Return the agent's class; it is loaded and checked only once.
 
         Raises
         ------
@@ -201,21 +201,21 @@ class AgentSource:
         if callable(getattr(found, "act_team", None)) and track != "state":
             raise AgentLoadError(
                 f"{self.path}: {self.class_name}.act_team decides by all that the team sees: set track = 'state', or "
-                "decide with act, which is asked UAV by UAV"
+                "decide with act, which is called for each UAV"
             )
 
     def _check_signature(self, found: Any) -> None:
-        """Refuse a class that cannot be made of a scenario and, where there are, weights."""
+        """Raise an AgentLoadError if the class cannot be called with a scenario and, if there are any, weights."""
         given: tuple[Any, ...] = (None, None) if self.weights else (None,)
         try:
             signature = inspect.signature(found)
-        except (TypeError, ValueError):  # of a class that is not written in Python
+        except (TypeError, ValueError):  # the class is not written in Python
             return
         try:
             signature.bind(*given)
         except TypeError:
             wanted = "(scenario, weights)" if self.weights else "(scenario)"
-            hint = f"{self.class_name}{signature} is not made of {wanted}"
+            hint = f"{self.class_name}{signature} cannot be called with {wanted}"
             if self.weights:
                 hint += f": {self.path.stem if self.built_in else self.path.name} takes no weights"
             elif len(signature.parameters) > 1:
@@ -223,7 +223,7 @@ class AgentSource:
             raise AgentLoadError(f"{self.path}: {hint}; write __init__(self, {wanted[1:]}") from None
 
     def make(self, scenario: Scenario) -> Any:
-        """Return a new agent for ``scenario``; what its ``__init__`` raises passes through.
+        """Return a new agent for ``scenario``; exceptions of its ``__init__`` are passed on.
 
         Raises
         ------
@@ -231,7 +231,7 @@ class AgentSource:
             When the weights are damaged, or were trained for another mission, other observations, or, without
             ``transfer``, another map.
         AgentLoadError
-            When it is a built-in that plans by the rules of the shipped missions, and the scenario has another.
+            When it is a built-in for the shipped missions only, and the scenario has another mission.
         """
         if self.built_in and self.path.stem not in _ANY_MISSION and scenario.mission.kind not in SHIPPED:
             known = " and ".join(SHIPPED)
@@ -242,7 +242,7 @@ class AgentSource:
         return self.load()(scenario, self.weights)
 
     def meant(self, error: Exception) -> bool:
-        """Say whether the agent itself raised an error, to say what it needs: the user has no use for a traceback then."""
+        """Return whether the agent raised an error on purpose to say what it needs; then the user needs no traceback."""
         if isinstance(error, UavbenchError):
             return True
         frames = traceback.extract_tb(error.__traceback__)
@@ -262,14 +262,14 @@ def find_agent(spec: str, weights: Path | None = None, name: str | None = None) 
         A built-in's name, ``path.py``, ``path.py:Class``, ``package.module:Class``, ``path.onnx``, or a built-in's
         ``path.safetensors``.
     weights : Path, optional
-        What a file or a built-in is to fly with.
+        Weights for the agent of a file or for a built-in.
     name : str, optional
-        What its results are filed under, when it is not to be the name of the file.
+        The name of the agent in results, if it is not to be that of the file.
 
     Raises
     ------
     AgentLoadError
-        When there is none, or results cannot be filed under its name.
+        When there is no such agent, or its name cannot be used in results.
 
     Examples
     --------
@@ -280,7 +280,7 @@ def find_agent(spec: str, weights: Path | None = None, name: str | None = None) 
     source = _find(spec)
     if weights is not None:
         if source.weights is not None:
-            raise AgentLoadError(f"agent {spec}: these are weights themselves: leave --weights out")
+            raise AgentLoadError(f"agent {spec}: it is a file of weights itself: leave --weights out")
         source = replace(source, weights=_there("--weights", weights, MODEL_BYTES))
     source = replace(source, given_name=name)
     try:
@@ -292,7 +292,7 @@ def find_agent(spec: str, weights: Path | None = None, name: str | None = None) 
 
 
 def _find(spec: str) -> AgentSource:
-    """Find an agent by what the user calls it."""
+    """Find an agent by the user's ``--agent``."""
     built_in = resources.baseline_paths()
     if spec in built_in:
         return AgentSource(built_in[spec])
@@ -314,13 +314,13 @@ def _find(spec: str) -> AgentSource:
 
 
 def _there(what: str, path: Path, most: int) -> Path:
-    """Return a file's absolute path: an agent may change the current folder. Refuse what is no file that can be read."""
+    """Return a file's absolute path, as an agent may change the current folder; raise AgentLoadError if it cannot be read."""
     try:
         path = path.expanduser()
-    except RuntimeError:  # there is no such user
+    except RuntimeError:  # an unknown user after "~"
         raise AgentLoadError(f"{what} {one_line(path)}: there is no such file") from None
     _check(what, path, most)
-    return Path(os.path.abspath(path))  # noqa: PTH100  # a link keeps its name
+    return Path(os.path.abspath(path))  # noqa: PTH100  # resolve() would follow links
 
 
 def _in_module(module: str, class_name: str) -> AgentSource:
@@ -340,7 +340,7 @@ def _in_module(module: str, class_name: str) -> AgentSource:
 
 
 def _check(what: str, path: Path, most: int) -> None:
-    """Refuse what is not a plain file that can be read, by an `AgentLoadError`."""
+    """Raise an AgentLoadError unless ``path`` is a readable plain file of at most ``most`` bytes."""
     try:
         check_plain(path, most)
     except FileError as error:
@@ -348,7 +348,7 @@ def _check(what: str, path: Path, most: int) -> None:
 
 
 def _trained(weights: Path, built_in: dict[str, Path]) -> AgentSource:
-    """Return the built-in agent that weights are of."""
+    """Return the built-in agent that a file of weights belongs to."""
     try:
         record = load_weights(weights)[1]
     except WeightsError as error:
@@ -369,7 +369,7 @@ def write_template(path: Path) -> None:
     Raises
     ------
     AgentLoadError
-        When it is there already, does not end in ``.py``, or cannot be written.
+        When ``path`` exists already, does not end in ``.py``, or cannot be written.
     """
     if path.suffix != ".py":
         raise AgentLoadError(f"{path}: agents are files that end in .py")
@@ -380,7 +380,7 @@ def write_template(path: Path) -> None:
                 file.write(template.read_text(encoding="utf-8").replace("FILE", path.name))
                 file.flush()
             except OSError:
-                path.unlink()  # rather than an empty file, which the next try would take for an agent
+                path.unlink()  # an incomplete file would be in the way of the next try
                 raise
     except FileExistsError:
         raise AgentLoadError(f"{path}: exists already; choose another name") from None

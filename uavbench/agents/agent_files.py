@@ -1,8 +1,8 @@
-"""The files that an agent is made of: importing its module, finding what it imports, and one digest of them all.
+"""The files of an agent: importing its module, finding the modules that it imports, and one digest of all of them.
 
-An agent's *own* modules are those of its folder. They are found before anything that is installed, by each agent for itself,
-as if the file were run as a script; names of Python's standard library, and of what uavbench itself has imported, stay what
-they are. After what is installed, the current folder and the folder of the baselines are searched.
+An agent's *own* modules are those in its folder. As if the file were run as a script, they are found before installed packages,
+separately for each agent. They never replace modules of Python's standard library or modules that uavbench itself has imported.
+After the installed packages, the current folder and the folder of the baselines are searched.
 """
 
 import ast
@@ -18,11 +18,11 @@ from types import CodeType, ModuleType
 from uavbench.world.files import SOURCE_BYTES, read_bounded
 from uavbench.world.resources import baselines_folder
 
-_KEPT = {name.partition(".")[0] for name in (*sys.stdlib_module_names, *sys.modules)}  # that no agent's module replaces
+_KEPT = {name.partition(".")[0] for name in (*sys.stdlib_module_names, *sys.modules)}  # no agent's module replaces these
 
 
 class _Source(SourceFileLoader):
-    """Compiles what the file holds now: a cached compilation of an edited file may be taken for that of the new one."""
+    """Compiles a file anew at every import: Python might take cached bytecode of its last version for that of an edited one."""
 
     def get_code(self, fullname: str) -> CodeType:
         path = self.get_filename(fullname)
@@ -30,14 +30,14 @@ class _Source(SourceFileLoader):
 
 
 class _Finder:
-    """Finds modules in folders, which are those of the agent that was imported last."""
+    """Finds modules in certain folders, for the agent that was imported last."""
 
     def __init__(self) -> None:
         self.folders: list[str] = []
         self.found: set[str] = set()
 
     def find_spec(self, name: str, path: Sequence[str] | None = None, _target: ModuleType | None = None) -> ModuleSpec | None:
-        """Return the module's specification, as `importlib.abc.MetaPathFinder` does; None where it is not the agent's."""
+        """Return the module's specification, as `importlib.abc.MetaPathFinder` does; None if the module is not the agent's."""
         if name.partition(".")[0] in _KEPT or (path is not None and name.partition(".")[0] not in self.found):
             return None
         spec = PathFinder.find_spec(name, self.folders if path is None else path)
@@ -53,14 +53,14 @@ _OWN, _LAST = _Finder(), _Finder()
 
 
 def import_agent(path: Path, name: str | None = None) -> ModuleType:
-    """Import an agent's file anew, with its own modules.
+    """Import an agent's file and its own modules, even if they have been imported before.
 
     Parameters
     ----------
     path : Path
         The file.
     name : str, optional
-        Its name as a module, ``package.module``; without it the file is a module of its own.
+        The module name ``package.module`` under which it is imported; by default the file is a module without a package.
     """
     if _OWN not in sys.meta_path:
         sys.meta_path.insert(0, _OWN)  # pyright: ignore[reportArgumentType]
@@ -93,21 +93,21 @@ def import_agent(path: Path, name: str | None = None) -> ModuleType:
 
 
 def files_digest(path: Path) -> str:
-    """Return the SHA-256 of an agent's file; where it imports own modules or baselines, that of the sorted digests of all.
+    """Return the SHA-256 of an agent's file; if it imports its own modules or baselines, that of the sorted digests of all.
 
-    Line ends do not count: a file has the same digest whether they are those of Unix or of Windows.
+    Line endings do not matter: a file has the same digest with Unix and with Windows line endings.
     """
     found = sorted(hashlib.sha256(_content(each)).hexdigest() for each in agent_files(path))
     return found[0] if len(found) == 1 else hashlib.sha256("".join(found).encode()).hexdigest()
 
 
 def _content(path: Path) -> bytes:
-    """Return a file's bytes, with the line ends of Unix."""
+    """Return a file's bytes, with Unix line endings."""
     return read_bounded(path, SOURCE_BYTES).replace(b"\r\n", b"\n")
 
 
 def agent_files(path: Path) -> list[Path]:
-    """Return an agent's file and, of what its ``import`` statements name, directly or not, its own modules and baselines."""
+    """Return an agent's file and the own modules and baselines that its ``import`` statements name, directly or indirectly."""
     path = path.resolve()
     found, waiting = {path}, [path]
     while waiting:
@@ -122,7 +122,7 @@ def _imported(file: Path, folder: Path) -> Iterator[Path]:
     """Return the files in ``folder`` or among the baselines that a file's import statements name."""
     try:
         tree = ast.parse(read_bounded(file, SOURCE_BYTES))
-    except (SyntaxError, ValueError, RecursionError, MemoryError):  # which importing it tells
+    except (SyntaxError, ValueError, RecursionError, MemoryError):  # importing the file reports it
         return
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -139,7 +139,7 @@ def _imported(file: Path, folder: Path) -> Iterator[Path]:
 
 
 def _files_of(parts: list[str], folder: Path) -> Iterator[Path]:
-    """Return the files of a module that is named from the top: an own one, by its package's name too, or else a baseline."""
+    """Return the files of an absolute module name: an own module, with or without the name of its folder, or a baseline."""
     if parts[0] in _KEPT:
         return
     own = list(_along(folder, parts)) or (list(_along(folder, parts[1:])) if parts[0] == folder.name else [])
@@ -147,7 +147,7 @@ def _files_of(parts: list[str], folder: Path) -> Iterator[Path]:
 
 
 def _along(folder: Path, parts: Sequence[str]) -> Iterator[Path]:
-    """Return the files that importing ``parts``, from ``folder`` on, executes."""
+    """Return the files that Python executes to import the dotted name ``parts`` from ``folder``."""
     for part in parts:
         if (folder / part / "__init__.py").is_file():
             folder = folder / part

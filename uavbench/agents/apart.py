@@ -1,9 +1,9 @@
-"""An agent in a process of its own, which is told what the observation track allows, and nothing else.
+"""An agent in a process of its own, which receives what the observation track allows, and nothing else.
 
-In one process an agent reaches whatever is there: the simulator, and with it the noise to come, through the garbage collector
-or the caller's frames. Here its file is loaded and asked in a child process. Observations go there through a pipe, actions
-come back as JSON: nothing that the child sends is executed. It is no sandbox: the child may read files and use the network as
-any program of the user may.
+In the same process an agent could reach the simulator, and with it the noise to come, through the garbage collector or the
+frames of its callers. Here the agent's file is loaded and called in a child process. Observations are sent there through a
+pipe, and actions come back as JSON, so that nothing the child sends is executed. This is no sandbox: the child may read files
+and use the network like any program of the user.
 """
 
 import contextlib
@@ -31,11 +31,11 @@ if TYPE_CHECKING:  # a child starts in half the time without Numba
     from uavbench.simulation.observation import Observation
     from uavbench.world.scenario import Scenario
 
-#: What an agent on the observation track is told besides the observation.
+#: The parts of ``info`` that an agent on the observation track receives.
 TOLD = ("action_mask", "split", "episode", "seed", "uav")
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from uavbench.agents.apart import serve; serve()"
 _LONGEST_ANSWER = 2**20  # bytes; 250 actions take 1,000
-_LENGTH = 4  # bytes that say how long a message is
+_LENGTH = 4  # bytes that hold the length of a message
 
 
 class ApartError(UavbenchError):
@@ -49,20 +49,20 @@ class ApartSource(AgentSource):
     Attributes
     ----------
     decision_timeout : float, optional
-        Seconds after which the process of an agent that decides is killed; None for any time.
+        Seconds that one call of the agent may take before its process is killed; None for no limit.
     """
 
     decision_timeout: float | None = None
 
     @classmethod
     def of(cls, source: AgentSource, decision_timeout: float | None) -> "ApartSource":
-        """Return the same agent, to be kept apart."""
+        """Return the source of the same agent that runs it in a process of its own."""
         given = {field.name: getattr(source, field.name) for field in fields(AgentSource)}
         return cls(**given, decision_timeout=decision_timeout)
 
     @cached_property
     def _said(self) -> dict[str, Any]:
-        """What the agent's class says of itself."""
+        """The track and the methods of the agent's class, as the child process reports them."""
         return _Child(self, None).said
 
     @property
@@ -72,7 +72,7 @@ class ApartSource(AgentSource):
 
     @property
     def calls(self) -> tuple[Call, ...]:
-        """By which methods the agent decides."""
+        """The methods by which the agent decides."""
         return tuple(self._said["calls"])
 
     def make(self, scenario: "Scenario") -> Any:
@@ -87,7 +87,7 @@ class ApartSource(AgentSource):
 
 
 class AgentApart:
-    """What stands for the agent in the process that flies; it has the same methods."""
+    """Stands for the agent in the process that flies the episodes, and passes calls on to the agent's own process."""
 
     def __init__(self, source: ApartSource, scenario: "Scenario") -> None:
         self._child = _Child(source, scenario)
@@ -118,7 +118,7 @@ class _Child:
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self._end = weakref.finalize(self, _end, self._process)
         plain = AgentSource(**{field.name: getattr(source, field.name) for field in fields(AgentSource)})
-        self.said: dict[str, Any] = self._exchange((plain, scenario), None)  # weights may take their time to load
+        self.said: dict[str, Any] = self._exchange((plain, scenario), None)  # no limit: loading weights may take long
 
     def ask(self, method: str, arguments: tuple[Any, ...], limit: float | None) -> Any:
         """Return what a method of the agent returns; kill the process when that takes longer than ``limit`` seconds."""
@@ -148,12 +148,12 @@ class _Child:
 
 
 def _end(process: "subprocess.Popen[bytes]") -> None:
-    """Kill a process and close what leads to it."""
+    """Kill a process and close the pipes to it."""
     process.kill()
     process.wait()
     for pipe in (process.stdin, process.stdout):
         if pipe:
-            with contextlib.suppress(OSError):  # what was not yet written cannot be any more
+            with contextlib.suppress(OSError):  # closing tries to write what is left
                 pipe.close()
 
 
@@ -175,10 +175,10 @@ def _read(pipe: IO[bytes], most: int | None = None) -> bytes:
 
 
 def serve() -> None:
-    """Load an agent and answer for it: the child's side."""
+    """Load an agent and answer the parent's requests; this runs in the child process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what an agent prints is no answer
+    os.dup2(2, 1)  # what an agent prints must not mix with the answers
     requests: queue.Queue[Any] = queue.Queue()
     threading.Thread(target=_listen, args=(requests,), daemon=True).start()
     agent: Any = None
@@ -197,23 +197,23 @@ def serve() -> None:
 
 
 def _listen(requests: "queue.Queue[Any]") -> None:
-    """Pass on what the parent sends, and end with it, whatever the agent is doing."""
+    """Pass on what the parent sends; when the parent ends, end this process, whatever the agent is doing."""
     try:
         while True:
-            requests.put(pickle.loads(_read(sys.stdin.buffer)))  # of our own parent
+            requests.put(pickle.loads(_read(sys.stdin.buffer)))  # safe: it comes from our own parent
     finally:
         os._exit(1)
 
 
 def _make(source: AgentSource, scenario: "Scenario | None") -> tuple[Any, dict[str, Any]]:
-    """Return an agent, if there is a scenario for it, and what it says of itself."""
+    """Return an agent, or None without a scenario, and what the parent needs to know of it."""
     agent = source.make(scenario) if scenario else None
     said = {"track": source.track, "calls": source.calls, "reset": callable(getattr(agent, "reset", None))}
     return agent, said
 
 
 def _reason(error: BaseException) -> str:
-    """Return what was raised, with the traceback, as the end of a sentence that begins with the method's name."""
+    """Return what was raised, with its traceback, as the end of a sentence that begins with the method's name."""
     try:
         said = str(error)
     except BaseException:

@@ -1,7 +1,7 @@
-"""An agent that asks an ONNX model: ``--agent model.onnx``, whatever it was trained with.
+"""An agent that decides by an ONNX model, whatever software trained it: ``--agent model.onnx``.
 
-The model's inputs are named as the observation's parts (``local``, ``global``, ``budget``; not all need be there), batch
-first, float32; its output are six values an observation, and the action with the highest one is taken.
+The model's inputs are float32, have the batch as first dimension, and are named like parts of the observation (``local``,
+``global``, ``budget``; it need not use all of them). Its only output holds six values per observation, one for each action.
 """
 
 import importlib
@@ -34,9 +34,9 @@ class Agent:
     ImportError
         When ONNX Runtime is missing.
     WeightsError
-        When weights of the model are in other files.
+        When some of the model's weights are in other files.
     ValueError
-        When the file is no model, or its inputs or output are not those above.
+        When the file cannot be read, is no ONNX model, or its inputs or output are not as described above.
     """
 
     track = "observation"
@@ -56,7 +56,9 @@ class Agent:
             if each.type != "tensor(float)" or not fits:
                 raise ValueError(f"{weights}: input {each.name} is {each.type} {each.shape}, expected float (batch, {wanted})")
             if isinstance(each.shape[0], int) and each.shape[0] != 1:
-                raise ValueError(f"{weights}: input {each.name}: its batch is {each.shape[0]}: export it with any batch, or 1")
+                raise ValueError(
+                    f"{weights}: input {each.name}: its batch is {each.shape[0]}: export it with any batch size, or 1"
+                )
             single = single or each.shape[0] == 1
             self._inputs.append(each.name)
         if len(self._session.get_outputs()) != 1:
@@ -94,11 +96,11 @@ def _session(model: Path) -> Any:
     try:
         content = read_bounded(model, MODEL_BYTES)
         external = has_external_data(content)
-        # From its bytes, which are those that were looked at.
+        # Made from the bytes that were checked: the file may have changed since.
         session = None if external else runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
     except FileError as error:
         raise ValueError(str(error)) from None
-    except Exception as error:  # ONNX Runtime has a class of its own for each way to be wrong
+    except Exception as error:  # ONNX Runtime raises exceptions of many classes of its own
         raise ValueError(f"{model}: not a model that ONNX Runtime takes: {one_line(error)}") from None
     if external:
         raise WeightsError(

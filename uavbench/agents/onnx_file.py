@@ -1,6 +1,6 @@
-"""What an ONNX file says of itself, read without a library and before anything of it is run.
+"""Reading the metadata of an ONNX file and where its weights are, without a library and before the model is run.
 
-An ONNX file is a message of Protocol Buffers: a sequence of fields, each with a number and a value, some of which are messages
+An ONNX file is a Protocol Buffers message: a sequence of fields, each with a number and a value; some values are messages
 themselves (https://protobuf.dev/programming-guides/encoding; the numbers are those of onnx.proto3).
 """
 
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from uavbench.errors import UavbenchError
 
-#: Which fields of a message are messages that may hold tensors, and of which kind.
+#: For each kind of message, the numbers of the fields that may contain tensors, and the kind of their values.
 _PARTS = {
     "model": {7: "graph", 20: "training", 25: "function"},
     "training": {1: "graph", 2: "graph"},
@@ -19,17 +19,17 @@ _PARTS = {
     "sparse": {1: "tensor", 2: "tensor"},
     "tensor": {},
 }
-_METADATA = 14  # of a model
-_ELSEWHERE = (13, 14)  # of a tensor: the place of its data in another file, and whether they are there
-_FIXED = {1: 8, 5: 4}  # bytes, by the type of a field
+_METADATA = 14  # the field metadata_props of a model
+_ELSEWHERE = (13, 14)  # the fields external_data and data_location of a tensor
+_FIXED = {1: 8, 5: 4}  # size in bytes, by wire type
 
 
 class OnnxFileError(UavbenchError, ValueError):
-    """Bytes that are no ONNX model."""
+    """The content of a file is no ONNX model."""
 
 
 def has_external_data(content: bytes) -> bool:
-    """Return whether a model takes weights from other files.
+    """Return whether some of a model's weights are in other files.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def has_external_data(content: bytes) -> bool:
 
 
 def metadata(content: bytes) -> dict[str, str]:
-    """Return what a model says of itself, by name.
+    """Return a model's metadata, by name.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def metadata(content: bytes) -> dict[str, str]:
 
 
 def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
-    """Return the numbers and values of a message's fields: an integer or bytes; 0 for values of a fixed size."""
+    """Yield the number and the value of each field: an integer, bytes, or 0 in place of a value of fixed size."""
     at, value = 0, 0
     while at < len(message):
         key, at = _varint(message, at)
@@ -81,7 +81,7 @@ def _fields(message: memoryview) -> Iterator[tuple[int, int | memoryview]]:
 
 
 def _varint(message: memoryview, at: int) -> tuple[int, int]:
-    """Return the integer that begins at ``at``, and where it ends: seven bits a byte, the lowest first."""
+    """Return the integer that is encoded from ``at`` on, seven bits per byte, lowest first, and where it ends."""
     value = 0
     for k, byte in enumerate(message[at : at + 10]):
         value |= (byte & 127) << 7 * k

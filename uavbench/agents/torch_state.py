@@ -1,4 +1,4 @@
-"""PyTorch's networks and optimisers as arrays by name, and back: what a learner's checkpoint is made of. No pickles."""
+"""Converting PyTorch networks and optimisers to named arrays and back, for a learner's checkpoints without pickles."""
 
 import importlib
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def tensors(observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return an observation's arrays as tensors, maps in the memory format that convolutions like: channels last."""
+    """Return an observation's arrays as tensors; maps get the memory format that suits convolutions, channels last."""
     torch: Any = importlib.import_module("torch")
     found = {name: torch.from_numpy(values) for name, values in observation.items()}
     return {
@@ -25,12 +25,12 @@ def tensors(observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
-    """Return the arrays of networks, by their names, and of the optimiser's moments.
+    """Return the state of networks and of their optimiser as named arrays.
 
     Parameters
     ----------
     networks : mapping of str to torch.nn.Module
-        Names without a dot, none of them "optimizer".
+        The names contain no dot, and none of them is "optimizer".
     optimizer : torch.optim.Optimizer
     """
     arrays: Arrays = {}
@@ -42,12 +42,12 @@ def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
 
 
 def unpack_network(arrays: Mapping[str, NDArray[Any]], network: Any, path: Path, scenario: Scenario) -> None:
-    """Set a network made for a scenario to the arrays of the weights' file ``path``.
+    """Load arrays, which were read from the weights' file ``path``, into a network that was made for a scenario.
 
     Raises
     ------
     WeightsError
-        When they are of another network: the message names the file and the first array that differs.
+        When the arrays do not fit the network or are not finite; the message names the file and the first wrong array.
     """
     torch: Any = importlib.import_module("torch")
     wanted = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
@@ -55,7 +55,7 @@ def unpack_network(arrays: Mapping[str, NDArray[Any]], network: Any, path: Path,
         found = arrays[name].shape if name in arrays else None
         if wanted.get(name) != found:
             differs = f"{name} has shape {found}, expected {wanted.get(name)}"
-            raise WeightsError(f"{path}: does not fit {scenario.id}, or is of another agent: {differs}")
+            raise WeightsError(f"{path}: does not fit {scenario.id}, or belongs to another agent: {differs}")
     try:
         network.load_state_dict(_finite(arrays, torch))
     except ValueError as error:
@@ -63,7 +63,7 @@ def unpack_network(arrays: Mapping[str, NDArray[Any]], network: Any, path: Path,
 
 
 def _finite(arrays: Mapping[str, NDArray[Any]], torch: Any) -> dict[str, Any]:
-    """Return arrays as tensors, if all are numbers."""
+    """Return arrays as tensors; raise a ValueError if a value is not finite."""
     for name, array in arrays.items():
         if not np.isfinite(array).all():
             raise ValueError(f"{name}: holds numbers that are not finite")
@@ -71,12 +71,12 @@ def _finite(arrays: Mapping[str, NDArray[Any]], torch: Any) -> dict[str, Any]:
 
 
 def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], optimizer: Any) -> None:
-    """Set networks and the optimiser as `pack` found them.
+    """Restore networks and their optimiser from the arrays that `pack` returned.
 
     Raises
     ------
     KeyError, RuntimeError, ValueError
-        When the arrays are of other networks, or not finite.
+        When the arrays do not fit the networks, or are not finite.
     """
     torch: Any = importlib.import_module("torch")
     groups: dict[str, Arrays] = {}
@@ -89,6 +89,6 @@ def unpack(arrays: Mapping[str, NDArray[Any]], networks: Mapping[str, Any], opti
     state: dict[int, dict[str, Any]] = {}
     for name, array in groups.get("optimizer", {}).items():
         k, _, part = name.partition(".")
-        like = torch.zeros_like(parameters[int(k)]) if array.shape else torch.zeros(())  # laid out in memory as it was
+        like = torch.zeros_like(parameters[int(k)]) if array.shape else torch.zeros(())  # keeps its memory format
         state.setdefault(int(k), {})[part] = like.copy_(torch.from_numpy(np.array(array)))
     optimizer.load_state_dict({**optimizer.state_dict(), "state": state})

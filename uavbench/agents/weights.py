@@ -1,4 +1,4 @@
-"""Weights of learned agents: safetensors files (arrays and a record of the training as JSON, no pickles)."""
+"""Weights of learned agents: safetensors files with arrays and a JSON record of the training, without pickles."""
 
 import hashlib
 import json
@@ -15,8 +15,8 @@ from uavbench.world.files import MODEL_BYTES, FileError, check_plain, read_bound
 from uavbench.world.resources import scenario_paths, shipped_weights
 from uavbench.world.scenario import Scenario, load_scenario
 
-_RECORD = "uavbench"  # the key of the record among a file's metadata
-#: What the names of a model's metadata begin with that are of its training.
+_RECORD = "uavbench"  # the key of the record in a file's metadata
+#: The prefix of those metadata names of an ONNX model that describe its training.
 METADATA = "uavbench."
 _MAP = "map_sha256"
 
@@ -26,7 +26,7 @@ class WeightsError(UavbenchError, ValueError):
 
 
 def save_weights(path: Path, arrays: Mapping[str, NDArray[Any]], record: Mapping[str, Any]) -> None:
-    """Write arrays and what is said of them, whole or not at all.
+    """Write arrays and a record of their training, completely or not at all.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def save_weights(path: Path, arrays: Mapping[str, NDArray[Any]], record: Mapping
         The file.
     arrays : mapping of str to ndarray
     record : mapping
-        Whatever JSON can hold: how the arrays came about.
+        How the arrays were made; anything that JSON can hold.
     """
     from safetensors.numpy import save
 
@@ -43,7 +43,7 @@ def save_weights(path: Path, arrays: Mapping[str, NDArray[Any]], record: Mapping
 
 
 def load_weights(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-    """Return arrays by name, and what is said of them.
+    """Return the arrays of a file by name, and the record of their training.
 
     Raises
     ------
@@ -67,12 +67,12 @@ def load_weights(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 
 def _read_record(file: Any) -> dict[str, Any]:
-    """Return what an open file says of its training: a table, in which names are text.
+    """Return the training record of an open file, in which ``agent`` and ``scenario`` are strings if they are there.
 
     Raises
     ------
     KeyError, ValueError, RecursionError
-        When it says nothing, or it is no such table.
+        When there is no record, or it is not of this form.
     """
     about: dict[str, str] = file.metadata() or {}
     record: Any = json.loads(about[_RECORD])
@@ -85,13 +85,13 @@ def _read_record(file: Any) -> dict[str, Any]:
 
 
 def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
-    """Return the arrays of weights that are to fly on a scenario.
+    """Return the arrays of weights that an agent uses on a scenario.
 
     Raises
     ------
     WeightsError
-        As `load_weights`, or when they were trained for another mission or other observations. Whether they may fly on
-        another map is not checked here: the user says so by ``--transfer``.
+        As `load_weights`, or when they were trained for another mission or other observations. The map is not checked here:
+        `AgentSource.make` does that, because the user may allow another map by ``--transfer``.
     """
     arrays, record = load_weights(path)
     check_trained(path, record, scenario, transfer=True)
@@ -99,8 +99,8 @@ def weights_for(path: Path, scenario: Scenario) -> dict[str, NDArray[Any]]:
 
 
 def training_facts(scenario: Scenario) -> dict[str, Any]:
-    """Return what a record says of the scenario that weights are trained on: its id, and what decides where they may fly."""
-    from uavbench.simulation.observation import LAYERS, TEAM_LAYERS  # which compiles: who only looks for an agent need not wait
+    """Return what a training record says about the scenario: its id, and what decides where the weights may be used."""
+    from uavbench.simulation.observation import LAYERS, TEAM_LAYERS  # here: it loads kernels, and finding an agent needs none
 
     return {
         "scenario": scenario.id,
@@ -113,9 +113,9 @@ def training_facts(scenario: Scenario) -> dict[str, Any]:
 
 
 def training_record(path: Path) -> dict[str, Any]:
-    """Return what weights or an ONNX model say of their training; nothing where they do not, or cannot be read.
+    """Return the training record of weights or of an ONNX model; empty if there is none, or the file cannot be read.
 
-    Who loads them says why they cannot be read.
+    Loading the file later reports why it cannot be read.
     """
     if path.suffix == ".onnx":
         try:
@@ -144,11 +144,11 @@ def check_trained(path: Path, record: Mapping[str, Any], scenario: Scenario, tra
     path : Path
         Their file.
     record : mapping
-        What they say of their training. What it does not say is not checked: arrays may come from anywhere.
+        The record of their training. What is missing in it is not checked: arrays may come from anywhere.
     scenario : Scenario
-        Where they are to fly.
+        Where they are to be used.
     transfer : bool
-        Let them fly on another map.
+        Allow another map.
 
     Raises
     ------
@@ -162,28 +162,28 @@ def check_trained(path: Path, record: Mapping[str, Any], scenario: Scenario, tra
         elif name != _MAP:
             reason = f"whose observations have {name} {found}, not {here} as those of {scenario.id}"
         elif not transfer:
-            reason = f"another map than that of {scenario.id}; to fly them there all the same: --transfer"
+            reason = f"another map than that of {scenario.id}; to use them here all the same: --transfer"
         else:
             continue
         raise WeightsError(f"{path}: trained on {trained}, {reason}")
 
 
 def is_transfer(record: Mapping[str, Any], scenario: Scenario) -> bool:
-    """Return whether weights with this record were trained on another map than a scenario's."""
+    """Return whether weights with this record were trained on another map than that of ``scenario``."""
     return any(name == _MAP for name, _, _ in _differences(record, scenario))
 
 
 def _differences(record: Mapping[str, Any], scenario: Scenario) -> list[tuple[str, str, str]]:
-    """Return what a record says otherwise than a scenario: its name, what the record says, and the scenario."""
+    """Return the facts in which a record and a scenario differ: the name, the record's value, and the scenario's value."""
     known, trained = dict(record), record.get("scenario")
-    if _MAP not in record and trained in list(scenario_paths()):  # written before records had more than the id
+    if _MAP not in record and trained in list(scenario_paths()):  # an old record, with the id alone
         known.update(training_facts(load_scenario(str(trained))))
     facts = {name: value for name, value in training_facts(scenario).items() if name not in ("scenario", "scenario_file")}
     return [(name, str(known[name]), str(here)) for name, here in facts.items() if str(known.get(name, here)) != str(here)]
 
 
 def weights_path(agent: str, scenario: Scenario) -> Path:
-    """Return the weights of a built-in agent that come with the suite.
+    """Return the path of the weights that the suite includes for a built-in agent.
 
     Raises
     ------

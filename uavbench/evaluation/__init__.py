@@ -1,1 +1,1 @@
-"""Agent × scenario × split → result: flights, results on disk, replays, comparisons, metrics, reference tables."""
+"""Evaluating an agent on a scenario and a split: episodes, results on disk, replays, comparisons, metrics, reference tables."""

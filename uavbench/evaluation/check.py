@@ -1,4 +1,4 @@
-"""Does an agent keep the contract? Flown on Block8, twice, in different company."""
+"""Checking that an agent keeps the contract: it flies the same episodes of Block8 twice, in other orders and batches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,14 +15,14 @@ _EPISODES = 24
 
 @dataclass(frozen=True)
 class Checked:
-    """What a check saw: decisions per second, and the mean CRAL on each scenario."""
+    """The outcome of a check: decisions per second, and the mean CRAL on each scenario."""
 
     decisions_per_second: float
     cral: dict[str, float]
 
 
 def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS, decision_timeout: float = 60.0) -> Checked:
-    """Fly validation episodes with an agent, then the same in another order and batch size.
+    """Fly validation episodes with an agent, and again in another order and with another batch size.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS, decis
     Raises
     ------
     AgentLoadError
-        With one line that says what is wrong.
+        When the agent does not keep the contract; the message says in one line what is wrong.
     """
     cral: dict[str, float] = {}
     steps = seconds = 0.0
@@ -51,8 +51,8 @@ def check_agent(source: AgentSource, scenarios: Sequence[str] = SCENARIOS, decis
         for number, record in first.items():
             if not np.array_equal(record.actions, again[number].actions):
                 raise AgentLoadError(
-                    f"{source.name} on {name}, validation episode {number}: flown again after other episodes it took other "
-                    'actions; forget everything in reset(), and take randomness from info["seed"]'
+                    f"{source.name} on {name}, validation episode {number}: it took other actions when flown again after "
+                    'other episodes; forget everything in reset(), and take randomness from info["seed"]'
                 )
         cral[name] = float(np.mean([record.cral for record in first.values()]))
         steps += sum(record.steps for record in first.values())

@@ -1,4 +1,4 @@
-"""How long a call of an agent takes, shown where another process can see it. Compiling is not the agent's time."""
+"""Measuring how long an agent's calls take, where another process can see it. The time to compile kernels is not counted."""
 
 import math
 import time
@@ -13,7 +13,7 @@ CALLS = ("__init__()", "reset()", "act()", "act_batch()", "act_team()")
 
 
 class Call(NamedTuple):
-    """A call of an agent: the method, the first and the last episode that it is asked for, the step, and the UAV."""
+    """A call of an agent: the method, the first and the last episode that it decides for, the step, and the first UAV."""
 
     method: str
     first_episode: int
@@ -23,15 +23,15 @@ class Call(NamedTuple):
 
 
 class DecisionClock:
-    """The time of an agent's calls. Use it as a context manager: in the block it hears of compilations.
+    """Measures the time of an agent's calls. Use it as a context manager: only in the block does it notice compilations.
 
     Parameters
     ----------
     limit : float, optional
-        Seconds that a call may take; None for any.
+        Seconds that a call may take; None for no limit.
     shown : mutable sequence of float
-        Where the running call is shown: when it is late (`time.monotonic`; 0 while none runs or a kernel is compiled), and
-        the fields of `Call`.
+        Where the running call is shown: the time from which it is late (`time.monotonic`; 0 while none runs or a kernel is
+        compiled), and the fields of `Call`.
     """
 
     def __init__(self, limit: float | None, shown: MutableSequence[float] | None = None) -> None:
@@ -50,7 +50,7 @@ class DecisionClock:
         self._compilations.__exit__(*error)
 
     def start(self, method: str, infos: Sequence[dict[str, Any]], step: int, *, limited: bool = True) -> None:
-        """Begin a call of the agent for the UAVs that ``infos`` are of."""
+        """Begin a call of the agent for the UAVs of ``infos``; without ``limited`` it is never late."""
         shown = self._shown
         shown[1] = CALLS.index(method)
         if infos:
@@ -66,14 +66,14 @@ class DecisionClock:
         return time.monotonic() - self._started - self._compiled
 
     def _pause(self) -> None:
-        """Stop counting: a kernel is compiled."""
+        """Stop the clock, because a kernel is being compiled."""
         if self._depth == 0:
             self._since = time.monotonic()
             self._shown[0] = 0.0
         self._depth += 1
 
     def _go_on(self) -> None:
-        """Go on counting."""
+        """Start the clock again after a compilation."""
         self._depth -= 1
         if self._depth == 0:
             self._compiled += time.monotonic() - self._since

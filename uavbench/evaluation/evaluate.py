@@ -1,8 +1,8 @@
-"""Flying episodes with an agent: agent × scenario × split → records.
+"""Flying episodes with an agent on a scenario and a split, and recording them.
 
-The records do not depend on the batch size, the number of workers, or whether the agent decides one by one (``act``) or
-for many episodes at once (``act_batch``): noise and episodes are keyed, and so is the seed that an agent is given. The UAVs
-of a team decide at once, by what they see before the step, whether they are asked one by one or together (``act_team``).
+The records do not depend on the batch size, the number of workers, or whether the agent decides for one UAV at a time (``act``)
+or for many episodes at once (``act_batch``): noise and episodes are keyed, and so is the seed that an agent is given. All UAVs
+of a team decide by what they see before the step, whether the agent is called for one after the other or once (``act_team``).
 """
 
 import itertools
@@ -29,8 +29,8 @@ from uavbench.world.keyed import AGENT, stream
 from uavbench.world.scenario import Scenario, SplitName
 
 DEFAULT_BATCH = 250
-_PIECE = 10  # episodes that a worker is given at once, where its agent flies them one by one
-#: In records, in place of an action: the UAV flies no more, or the episode has fewer.
+_PIECE = 10  # episodes that a worker is given at once if its agent flies them one by one
+#: Stands for an action in records where a UAV no longer flies, or where the episode does not have that UAV.
 NO_ACTION = NUM_ACTIONS
 
 
@@ -45,7 +45,7 @@ class EpisodeRecord:
     uavs : int
         How many UAVs flew.
     budget, steps : int
-        Movement budget at the start, and actions taken, of all UAVs together.
+        Movement budget at the start, and number of actions taken, summed over all UAVs.
     landed : bool
         Whether every UAV landed.
     cr, cral : float
@@ -55,7 +55,7 @@ class EpisodeRecord:
     total_reward : float
         The sum of the rewards.
     actions : ndarray of uint8, shape (T, U)
-        The actions of T steps, U the scenario's most UAVs; 6 where a UAV is not there or flies no more.
+        The actions of T steps; U is the scenario's largest number of UAVs; 6 where a UAV does not exist or no longer flies.
     seconds : float
         Time that the agent took to decide.
     """
@@ -78,12 +78,12 @@ class AgentError(UavbenchError):
 
 
 class AgentDeclinedError(AgentError):
-    """An agent says in its ``__init__`` that it does not fly a scenario.
+    """An agent refuses a scenario in its ``__init__``.
 
     Attributes
     ----------
     reason : str
-        What the agent says.
+        The message of the agent.
     """
 
     reason = ""
@@ -91,7 +91,7 @@ class AgentDeclinedError(AgentError):
 
 @dataclass(frozen=True)
 class Job:
-    """What is flown: all that a worker must know.
+    """What is flown: everything that a worker must know.
 
     Attributes
     ----------
@@ -99,14 +99,14 @@ class Job:
     scenario : Scenario
     split : {"train", "validation", "test"}
     decision_timeout : float, optional
-        Seconds that one call of the agent may take; None for any.
+        Seconds that one call of the agent may take; None for no limit.
     batch_size : int
-        Episodes at once, for an agent that decides for many.
+        Episodes that are flown at once, if the agent has ``act_batch``.
     agent_sha256 : str, optional
         The digest that the agent's files must have when they are loaded; None for any.
     fresh : int, optional
-        A key from which other episodes are drawn, that nobody has published, in the place of those of the split. The agent is
-        told the numbers and seeds of the split's, which say nothing about them.
+        A key from which unpublished episodes are drawn, to be flown instead of those of the split. The agent is given the
+        numbers and seeds of the split's episodes, which reveal nothing about these.
     """
 
     source: AgentSource
@@ -128,15 +128,15 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[Ep
     numbers : sequence of int
         Which episodes.
     workers : int
-        Processes. With one or more the agent flies there and cannot harm this process: it is killed when it takes too long.
-        With 0 it flies in this process, where a call that takes too long is noticed when it ends.
+        Number of worker processes, in which the agent cannot harm this process and is killed when it takes too long. With 0 it
+        flies in this process, where a call that takes too long is noticed only when it returns.
 
     Raises
     ------
     AgentDeclinedError
-        When the agent says that it does not fly this scenario.
+        When the agent refuses this scenario.
     AgentError
-        When the agent fails. What was finished has been yielded before.
+        When the agent fails. The episodes that were finished have been yielded before.
     """
     if workers == 0:
         yield from _Flyer(job)(numbers)
@@ -157,13 +157,13 @@ def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[Ep
 
 @dataclass
 class _Flyer:
-    """Flies episodes with one agent, which is made when the first are asked for; pickled before, to fly in another process."""
+    """Flies episodes with one agent, which is made at the first call: until then this can be pickled for another process."""
 
     job: Job
     _flight: "_Flight | None" = field(default=None, init=False)
 
     def __call__(self, numbers: Sequence[int], shown: MutableSequence[float] | None = None) -> Iterator[EpisodeRecord]:
-        """Fly the episodes ``numbers``; ``shown`` is where the agent's clock can be seen."""
+        """Fly the episodes ``numbers``; the agent's clock is shown in ``shown``."""
         job = self.job
         with DecisionClock(job.decision_timeout, shown) as clock:
             if self._flight is None:
@@ -174,8 +174,8 @@ class _Flyer:
 
 
 def _made(job: Job, clock: DecisionClock) -> Any:
-    """Return a new agent of a job, if its files are those that are to fly."""
-    clock.start("__init__()", (), 0, limited=False)  # weights may take their time to load
+    """Return a new agent for a job; raise an AgentError if this fails or its files are not those of the job."""
+    clock.start("__init__()", (), 0, limited=False)  # loading weights may take long
     try:
         agent = job.source.make(job.scenario)
     except ApartError as error:
@@ -195,7 +195,7 @@ def _made(job: Job, clock: DecisionClock) -> Any:
 
 
 class _Flight:
-    """An agent, a simulator, and what passes between them. UAV u of slot i is number i · U + u of ``running``."""
+    """An agent, a simulator, and what passes between them. In ``running``, UAV u of slot i has the number i · U + u."""
 
     def __init__(self, job: Job, agent: Any) -> None:
         self._job = job
@@ -250,14 +250,14 @@ class _Flight:
             infos = self._infos(simulator, running, fixed)
 
     def _simulator(self, count: int) -> Simulator:
-        """Return a simulator for ``count`` episodes, the last one if it fits."""
+        """Return a simulator for ``count`` episodes; the last one is used again if it has this size."""
         if getattr(self, "_last", None) is None or self._last.num_envs != count:
             self._last = Simulator(self._job.scenario, count)
             self._observer = Observer(self._job.scenario)
         return self._last
 
     def _fixed_info(self, simulator: Simulator, i: int, uav: int, number: int) -> dict[str, Any]:
-        """Return what an agent is told of an episode and a UAV at every step."""
+        """Return the part of ``info`` that is the same at every step of a UAV."""
         fresh = self._job.fresh is not None
         key = episode_keys(self._job.split, np.array([number]))[0] if fresh else simulator.state.key[i]
         seed = int(stream(key, AGENT)) >> 1
@@ -268,7 +268,7 @@ class _Flight:
 
     @staticmethod
     def _infos(simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]) -> list[dict[str, Any]]:
-        """Return fresh information for the UAVs that fly."""
+        """Return a new ``info`` for each UAV that flies."""
         masks = simulator.action_mask().reshape(-1, NUM_ACTIONS)[running]
         return [{**fixed[i], "action_mask": mask} for i, mask in zip(running.tolist(), masks, strict=True)]
 
@@ -284,7 +284,7 @@ class _Flight:
     def _decide(
         self, clock: DecisionClock, observations: Observation, infos: list[dict[str, Any]], step: int
     ) -> tuple[NDArray[np.int64], float]:
-        """Ask the agent; return its actions, and the seconds that it took. Refuse what is not an action."""
+        """Return the agent's actions, and the seconds that it took; raise an AgentError if they are no actions."""
         agent, call = self._agent, f"{self.call}()"
         if self.call == "act_batch":
             return self._ask(clock, call, infos, step, lambda: agent.act_batch(observations, infos), (len(infos),))
@@ -308,8 +308,8 @@ class _Flight:
     ) -> tuple[Any, float]:
         """Call the agent; return its actions, which must be of ``shape``, and the seconds that it took.
 
-        What it raises, what is no action, and its taking too long become an `AgentError`. All that may run the agent's code
-        is done while the clock runs.
+        Whatever goes wrong becomes an `AgentError`: an exception, an answer that is no action, or a call that takes too long.
+        Everything that may run the agent's code, reading its answer included, is done while the clock runs.
         """
         job, where, answer, answered = self._job, (infos, step), None, False
         clock.start(call, infos, step)
@@ -332,7 +332,7 @@ class _Flight:
         return actions, seconds
 
 
-_Where = tuple[list[dict[str, Any]], int] | None  # what the agent was told, and the step
+_Where = tuple[list[dict[str, Any]], int] | None  # the infos that the agent was given, and the step
 
 
 def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
@@ -342,7 +342,7 @@ def _rows(columns: dict[str, NDArray[Any]]) -> Iterator[dict[str, Any]]:
 
 
 def _actions(job: Job, answer: Any, call: str, where: _Where, shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return an agent's answer as actions of a shape, or complain."""
+    """Return an agent's answer as actions of a shape; raise an AgentError if it is something else."""
     actions = np.asarray(answer)
     if shape and actions.shape != shape:
         raise _complaint(job, where, f"{call} returned shape {actions.shape}, expected {shape}")
@@ -365,7 +365,7 @@ def _said(error: BaseException) -> str:
 
 
 def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
-    """Say where an agent failed, and why."""
+    """Return the error that says where an agent failed, and why."""
     place = f"{job.source.name} on {job.scenario.id}"
     if where is not None:
         infos, step = where
@@ -378,13 +378,13 @@ def _complaint(job: Job, where: _Where, reason: str) -> AgentError:
 
 
 def _agents_frames(trace: str) -> str:
-    """Return the agent's frames of a trace by `faulthandler`, in the order of Python's own."""
+    """Return the agent's frames from a trace by `faulthandler`, in the order of Python's tracebacks."""
     frames = list(itertools.takewhile(lambda line: __file__ not in line, trace.splitlines()[1:]))
     return "\n".join(["Traceback (most recent call last):", *reversed(frames)]) if frames else ""
 
 
 def _trace() -> str:
-    """Return the traceback being handled, without the frames of this file."""
+    """Return the traceback of the exception that is being handled, without the frames of this file."""
     text = traceback.format_exc().splitlines()
     kept: list[str] = []
     skip = False

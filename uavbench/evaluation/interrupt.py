@@ -1,4 +1,4 @@
-"""Ctrl-C, and SIGTERM, by which batch systems end a process when its time is up: both are a KeyboardInterrupt."""
+"""Handling Ctrl-C and SIGTERM, which batch systems send when a job's time is up: both become a KeyboardInterrupt."""
 
 import contextlib
 import signal
@@ -11,7 +11,7 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 @contextlib.contextmanager
 def terminating_interrupts() -> Generator[None]:
-    """Let SIGTERM raise a KeyboardInterrupt in the block, so that whatever Ctrl-C saves is saved.
+    """Let SIGTERM raise a KeyboardInterrupt in the block, so that the same is saved as after Ctrl-C.
 
     Outside the main thread, where signals cannot be caught, nothing changes.
     """
@@ -25,7 +25,7 @@ def terminating_interrupts() -> Generator[None]:
 
 @contextlib.contextmanager
 def interrupt_waits() -> Generator[list[bool]]:
-    """Let the first interrupt in the block put a True into the list that is yielded, instead of raising; the second raises.
+    """Yield a list to which the first interrupt in the block appends True instead of raising; the second interrupt raises.
 
     Outside the main thread, where signals cannot be caught, nothing changes.
     """
@@ -42,7 +42,7 @@ def interrupt_waits() -> Generator[list[bool]]:
 
 @contextlib.contextmanager
 def _handling(signals: tuple[signal.Signals, ...], handler: Any) -> Generator[None]:
-    """Handle signals in the block, where they can be."""
+    """Handle signals by ``handler`` in the block, if this is the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,7 +1,7 @@
-"""What episodes say together: means with confidence intervals, and paired comparisons.
+"""Statistics over episodes: means with confidence intervals, and paired comparisons.
 
-Landed is a proportion and gets Wilson's interval, which stays honest when every episode landed; CR and CRAL get the
-percentile bootstrap. Resampling is keyed, so that the same episodes give the same interval everywhere.
+Landed is a proportion and gets Wilson's interval, which does not shrink to a point when every episode landed; CR and CRAL get
+the percentile bootstrap. Resampling is keyed, so that the same scores give the same interval everywhere.
 """
 
 import math
@@ -17,7 +17,7 @@ from uavbench.world.scenario import Scenario
 
 #: The metrics of an episode (the paper's Table III).
 METRICS = ("landed", "cr", "cral")
-#: What tables and figures call them.
+#: Their names in tables and figures.
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 CONFIDENCE = 0.95
 _RESAMPLES = 10_000
@@ -46,8 +46,8 @@ def proportion_interval(successes: NDArray[np.bool_ | np.float64], confidence: f
     Parameters
     ----------
     successes : ndarray
-        Shape (n,): whether each trial succeeded; or which share did of trials that depend on each other, which then count as
-        one: the interval is not too narrow, however they depend.
+        Shape (n,): whether each trial succeeded. For groups of trials that depend on each other, give the share of each group
+        that succeeded: a group then counts as one trial, so that the dependence does not make the interval too narrow.
     """
     n, share = len(successes), float(np.mean(successes))
     z = NormalDist().inv_cdf(0.5 + confidence / 2)
@@ -78,13 +78,13 @@ def _resampled_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=_RESAMPLES * 1000 // _CHUNK)  # all resamples of a test split: 40 MB
 def _picks(n: int, first: int, count: int) -> NDArray[np.int32]:
-    """Return which of n values the resamples ``first`` to ``first`` + ``count`` − 1 are of: shape (``count``, n)."""
+    """Return the indices of the values in the resamples ``first`` to ``first`` + ``count`` − 1: shape (``count``, n)."""
     return _drawn(n, first, count, 0)
 
 
 def _drawn(n: int, first: int, count: int, key: int) -> NDArray[np.int32]:
-    """Draw what `_picks` returns from the stream of a key: 0 is that of the episodes."""
-    bits = np.random.PCG64(key).advance(first * n)  # raw bits: NumPy promises their stream, but not that of its distributions
+    """Draw the indices that `_picks` describes from the stream of a key; key 0 is for episodes."""
+    bits = np.random.PCG64(key).advance(first * n)  # NumPy promises the stream of raw bits, not of its distributions
     raw = bits.random_raw(count * n)
     return (((raw >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)).astype(np.int32).reshape(count, n)
 
@@ -97,13 +97,13 @@ def interquartile_mean(values: NDArray[np.float64]) -> float:
 
 
 def paired_p_value(differences: NDArray[np.float64]) -> float:
-    """Return how likely so large a mean of paired differences is by chance: two-sided, by the normal distribution.
+    """Return the two-sided p-value of the mean of paired differences, by the normal distribution.
 
     Parameters
     ----------
     differences : ndarray
-        Shape (n,): first − second on the same episodes. Some hundred of them are enough for the central limit theorem. What two
-        platforms' logarithms may differ by counts as no difference.
+        Shape (n,): first − second on the same episodes. A few hundred of them are enough for the central limit theorem.
+        Differences of at most `ROUNDING` count as 0.
     """
     differences = _beyond_rounding(differences)
     mean, variance = float(differences.mean()), float(differences.var(ddof=1)) / len(differences)
@@ -113,7 +113,7 @@ def paired_p_value(differences: NDArray[np.float64]) -> float:
 
 
 def significant(p_values: Sequence[float], level: float = 1 - CONFIDENCE) -> list[bool]:
-    """Return which of several tests are significant together (Holm 1979)."""
+    """Return which of several tests are significant, corrected for their number (Holm 1979)."""
     found = [False] * len(p_values)
     for rank, k in enumerate(sorted(range(len(p_values)), key=lambda k: p_values[k])):
         if p_values[k] > level / (len(p_values) - rank):
@@ -128,7 +128,7 @@ def summarise(landed: NDArray[np.bool_], cr: NDArray[np.float64], cral: NDArray[
 
 
 def mean_over_seeds(values: NDArray[np.float64]) -> Interval:
-    """Return the mean of a method that was trained with several seeds, with its interval over seeds and episodes.
+    """Return the mean score of a method that was trained with several seeds, with its interval over seeds and episodes.
 
     Each of 10,000 resamples draws episodes and seeds with replacement. A seed is drawn as a whole, since one agent flew all its
     episodes. In the words of rliable (Agarwal et al., NeurIPS 2021), the scenario is a task and each seed is a run.
@@ -136,7 +136,7 @@ def mean_over_seeds(values: NDArray[np.float64]) -> Interval:
     Parameters
     ----------
     values : ndarray
-        Shape (seeds, n): of each seed on the same n episodes. With one seed, this is `mean_interval`.
+        Shape (seeds, n): the scores of each seed on the same n episodes. With one seed, this is `mean_interval`.
     """
     return _percentiles(float(np.mean(values)), _resampled_over_seeds(values, 1))
 
@@ -147,14 +147,14 @@ def difference_over_seeds(first: NDArray[np.float64], second: NDArray[np.float64
     Parameters
     ----------
     first, second : ndarray
-        Shape (seeds, n): the number of seeds may differ, the episodes are the same.
+        Shape (seeds, n): the numbers of seeds may differ, the episodes must be the same.
     """
     mean = float(np.mean(first)) - float(np.mean(second))
     return _percentiles(mean, _resampled_over_seeds(first, 1) - _resampled_over_seeds(second, 2))
 
 
 def _resampled_over_seeds(values: NDArray[np.float64], key: int) -> NDArray[np.float64]:
-    """Return the means of 10,000 samples of seeds and episodes; those of the episodes are the same for all values."""
+    """Return the means of 10,000 samples of seeds and episodes; the episodes sampled do not depend on ``key``."""
     means = np.stack([_resampled_means(each) for each in values])
     seeds = _drawn(len(values), 0, _RESAMPLES, key).T
     return np.take_along_axis(means, seeds, axis=0).mean(axis=0)
@@ -164,12 +164,12 @@ def share_over_seeds(successes: NDArray[np.bool_]) -> Interval:
     """Return the share of successes of a method that was trained with several seeds, with its interval over seeds and episodes.
 
     The interval has two independent parts, Wilson's over episodes and the bootstrap's over seeds, so the squares of their
-    lengths add up. It stays honest when every episode of every seed landed.
+    lengths add up. It does not shrink to a point when every episode of every seed landed.
 
     Parameters
     ----------
     successes : ndarray
-        Shape (seeds, n): of each seed on the same n episodes. With one seed, this is `proportion_interval`.
+        Shape (seeds, n): the successes of each seed on the same n episodes. With one seed, this is `proportion_interval`.
     """
     episodes = proportion_interval(successes.mean(axis=0))
     if len(successes) == 1:
@@ -190,8 +190,8 @@ class Comparison:
     difference : Interval
         Mean of first − second over the episodes.
     improvement : Interval
-        Probability that the first is better on an episode, ties counting half. What two platforms' logarithms may differ by
-        is a tie.
+        Probability that the first is better on an episode; a tie counts half. Values that differ by at most `ROUNDING` are
+        tied.
     """
 
     difference: Interval
@@ -205,5 +205,5 @@ def compare(first: NDArray[np.float64], second: NDArray[np.float64]) -> Comparis
 
 
 def _beyond_rounding(differences: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return differences, with 0 for those that a replay on another platform may make."""
+    """Return the differences, with 0 for those of at most `ROUNDING`."""
     return np.where(np.abs(differences) <= ROUNDING, 0.0, differences)

@@ -1,7 +1,7 @@
-"""Work in processes of its own: they can be killed, and cannot take with them what has been finished.
+"""Doing work in worker processes, which can be killed without losing what they have finished.
 
-Results come back one by one, as they are made, so that a worker which dies or hangs loses only what it was working on. A
-worker ends when the process that started it ends, even if that one was killed.
+Each result is sent back as soon as it is made, so that a worker that dies or hangs loses only what it was working on. A worker
+ends when the process that started it ends, even if that process was killed.
 """
 
 import contextlib
@@ -24,10 +24,10 @@ from typing import Any
 
 from uavbench.errors import UavbenchError
 
-#: Numbers that a worker shows while it works: the first is the time (`time.monotonic`) at which it is late, or 0 for never.
+#: How many numbers a worker shows while it works. The first is the time (`time.monotonic`) from which it is late; 0 for never.
 SHOWN = 6
-_LOOK_SECONDS = 0.1  # between two looks at the workers' clocks
-_END_SECONDS = 10.0  # that a worker may take to end by itself when all is done
+_LOOK_SECONDS = 0.1  # between two checks of the workers' times
+_END_SECONDS = 10.0  # that a worker may take to end by itself when all work is done
 _PARENT_DEATH_SIGNAL = 1  # prctl's PR_SET_PDEATHSIG
 
 Work = Callable[[Any, MutableSequence[float]], Iterable[Any]]
@@ -43,9 +43,9 @@ class WorkerLateError(UavbenchError):
     Attributes
     ----------
     shown : list of float
-        What it showed.
+        The numbers that it showed.
     trace : str
-        Where its main thread was, as `faulthandler` writes it; empty where the platform cannot tell.
+        The stack of its main thread, as `faulthandler` writes it; empty on platforms without the signal for this.
     """
 
     def __init__(self, shown: Sequence[float], trace: str) -> None:
@@ -59,17 +59,17 @@ def work_apart(work: Work, pieces: Iterable[Any], workers: int) -> Generator[Any
     Parameters
     ----------
     work : callable
-        ``work(piece, shown)`` yields the results of a piece. It is pickled once for each worker, in which it may keep what
-        is expensive to make. ``shown`` is shared memory for `SHOWN` numbers.
+        ``work(piece, shown)`` yields the results of a piece. It is pickled once for each worker, where it may keep objects
+        that are expensive to make. ``shown`` is shared memory for `SHOWN` numbers.
     pieces : iterable
-        What is to be done, a piece at a time.
+        The work; a worker gets one piece at a time.
     workers : int
         How many processes.
 
     Raises
     ------
     WorkerDiedError, WorkerLateError
-        When a worker ends, or shows a time that has passed. Every worker is killed then.
+        When a worker ends, or is late by the time that it shows. Every worker is killed then.
     Exception
         Whatever ``work`` raises. Every worker is killed then.
     """
@@ -113,7 +113,7 @@ class _Worker:
         theirs.close()
 
     def receive(self) -> tuple[str, Any]:
-        """Return what the worker sends: a result, or that it is done; raise what it raised."""
+        """Return what the worker sends, ``("result", value)`` or ``("done", None)``; raise what its work raised."""
         try:
             kind, content = self.connection.recv()
         except (EOFError, OSError):
@@ -135,13 +135,13 @@ class _Worker:
         raise WorkerLateError(self._shown, text)
 
     def finish(self) -> None:
-        """Let the worker end by itself, so that it writes out what it has printed."""
+        """Let the worker end by itself, so that it flushes what it has printed."""
         with contextlib.suppress(OSError):
             self.connection.send(None)
         self._process.join(_END_SECONDS)
 
     def kill(self) -> None:
-        """End the worker, whatever it does, and the processes that it has started."""
+        """Kill the worker, if it still runs, with the processes that it has started."""
         if self._process.is_alive():
             with contextlib.suppress(OSError, AttributeError):  # AttributeError: Windows has no process groups
                 os.killpg(self._process.pid or 0, signal.SIGKILL)
@@ -159,7 +159,7 @@ def _ending(status: int | None) -> str:
 
 @contextlib.contextmanager
 def _interrupt_held_back() -> Generator[None]:
-    """Start processes in the block that do not hear Ctrl-C, which a terminal sends to all; this one hears it afterwards."""
+    """Block Ctrl-C in processes that are started in the block: a terminal sends it to all. This process gets it afterwards."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -172,7 +172,7 @@ def _interrupt_held_back() -> Generator[None]:
 
 @contextlib.contextmanager
 def _main_left_out() -> Generator[None]:
-    """Start processes in the block that do not import the main program: it need not be one that may be imported twice."""
+    """Let processes that are started in the block not import the main program, which may not be safe to import again."""
     main = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     try:
@@ -182,11 +182,11 @@ def _main_left_out() -> Generator[None]:
 
 
 def _serve(work: Work, connection: "Connection[Any, Any]", shown: Any, trace: Path) -> None:
-    """Work in a worker process until there is nothing left to do."""
+    """Do pieces of work in a worker process until there are none left."""
     multiprocessing.current_process()._config["daemon"] = False  # pyright: ignore  # work may start processes, too
     if hasattr(os, "setpgrp"):
-        os.setpgrp()  # so that they are killed together
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a batch system sends it to all processes; the parent decides
+        os.setpgrp()  # a process group, to kill them together
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)  # a batch system sends it to all processes; the parent handles it
     _end_with_parent()
     with trace.open("w", encoding="utf-8") as file:
         if hasattr(signal, "SIGUSR1"):
@@ -208,10 +208,10 @@ def _serve(work: Work, connection: "Connection[Any, Any]", shown: Any, trace: Pa
 
 
 def _end_with_parent() -> None:
-    """End this process when its parent ends, however busy it is then."""
+    """Make this process end when its parent ends, however busy it is."""
     parent = multiprocessing.parent_process()
     assert parent is not None
-    if sys.platform == "linux":  # a thread would have to wait for compiled code that does not let go
+    if sys.platform == "linux":  # a thread cannot run while compiled code holds the interpreter's lock
         ctypes.CDLL(None).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
 
     def watch() -> None:

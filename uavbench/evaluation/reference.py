@@ -1,4 +1,4 @@
-"""What is known of a scenario's test episodes: upper bounds and best scores, in ``reference/<id>.csv`` beside its file."""
+"""What is known about the test episodes: upper bounds and best scores, in ``reference/<id>.csv`` beside the scenario's file."""
 
 import csv
 import io
@@ -18,33 +18,33 @@ from uavbench.evaluation.results import Result, ResultError
 from uavbench.world.files import TABLE_BYTES, FileError, read_text, write_atomic
 from uavbench.world.scenario import Scenario
 
-#: The split that is bounded.
+#: The split whose episodes have bounds.
 SPLIT = "test"
 _COLUMNS = ("episode", "upper_bound", "method", "seconds", "best_known", "agent", "proved_optimal", "scenario_digest")
-_DIGITS = 12  # of the digest: enough to tell scenarios apart
+_DIGITS = 12  # of a scenario's digest: enough to tell scenarios apart
 
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of one test episode.
+    """What is known about one test episode.
 
     Attributes
     ----------
     episode : int
-        Its number.
+        The episode's number.
     upper_bound : float
-        What no policy can exceed: in CPP the CRAL of any flight, in DH the expected CRAL over the noise. In [0, 1], NaN where
-        none has been computed.
+        What no agent can exceed: in CPP by the CRAL of any flight, in DH by its expected CRAL over the noise. In [0, 1]; NaN
+        where none has been computed.
     method : str
-        What gave the bound.
+        The method that gave the bound.
     seconds : float
-        Processor time that it was allowed to take.
+        Processor time that the method was allowed to take.
     best_known : float
         The highest CRAL that an agent has reached, in [0, 1]; NaN where there is none.
     agent : str
-        Which agent.
+        The agent that reached it.
     proved_optimal : bool
-        Whether the best known reaches the bound. In DH never: a lucky flight may exceed what is expected.
+        Whether the best known CRAL reaches the bound. Never in DH, where a lucky flight may exceed the expected CRAL.
     """
 
     episode: int
@@ -56,26 +56,26 @@ class Known:
     proved_optimal: bool = False
 
 
-#: What is known, by the episode's number.
+#: What is known about episodes, by their numbers.
 Reference = dict[int, Known]
 
 
 @dataclass(frozen=True)
 class Gaps:
-    """How far a result is from what is known, in CRAL, as means over the episodes that have it.
+    """How far a result is from the upper bounds and from the best known scores, in CRAL.
 
     Attributes
     ----------
     to_bound : Interval, optional
-        Upper bound − CRAL, over ``bounded`` episodes.
+        Mean of upper bound − CRAL over the ``bounded`` episodes.
     to_best : Interval, optional
-        Best known − CRAL, over ``compared`` episodes.
+        Mean of best known − CRAL over the ``compared`` episodes.
     bounded, compared : int
-        How many episodes.
+        Number of episodes that have an upper bound, and a best known score.
     optimal : int
-        On how many of them the result is proved optimal.
+        Number of episodes on which the result is proved optimal.
     better : int
-        On how many the result is better than the best known.
+        Number of episodes on which the result is better than the best known.
     """
 
     to_bound: Interval | None
@@ -87,12 +87,12 @@ class Gaps:
 
 
 def reference_path(scenario: Scenario) -> Path:
-    """Return where the reference of a scenario is, if there is one."""
+    """Return the path of a scenario's reference table; the file need not exist."""
     return scenario.path.parent / "reference" / f"{scenario.id}.csv"
 
 
 def load_reference(path: Path, scenario: Scenario) -> Reference:
-    """Read what is known; nothing when there is no file.
+    """Read what is known; empty if there is no file.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def load_reference(path: Path, scenario: Scenario) -> Reference:
         for row in rows:
             if row["scenario_digest"] != scenario.digest[:_DIGITS]:
                 raise ResultError(
-                    f"{path}: scenario_digest: it is of another {scenario.id} ({row['scenario_digest']}): delete it"
+                    f"{path}: scenario_digest: it is of another version of {scenario.id} ({row['scenario_digest']}): delete it"
                 )
             number = int(row["episode"])
             if number in known or not 0 <= number < scenario.splits.test.episodes:
@@ -133,7 +133,7 @@ def load_reference(path: Path, scenario: Scenario) -> Reference:
 
 
 def save_reference(path: Path, scenario: Scenario, known: Reference) -> None:
-    """Write what is known, whole or not at all."""
+    """Write what is known, completely or not at all."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(_COLUMNS)
@@ -147,14 +147,14 @@ def save_reference(path: Path, scenario: Scenario, known: Reference) -> None:
 
 
 def bounded(known: Known, scenario: Scenario, upper_bound: float, method: str, seconds: float) -> Known:
-    """Return what is known with another bound, of which the lower counts."""
+    """Return what is known after a bound was computed anew; the lower of the old and the new bound is kept."""
     better = not known.upper_bound <= upper_bound  # so that NaN is worse than any
     changed = replace(known, upper_bound=upper_bound, method=method) if better else known
     return _proved(replace(changed, seconds=max(known.seconds, seconds)), scenario)
 
 
 def improved(known: Reference, scenario: Scenario, results: Iterable[Result]) -> Reference:
-    """Return what is known with the scores of results, which are replayed first.
+    """Return what is known, with higher scores that results have reached; every result is replayed first.
 
     Raises
     ------
@@ -176,14 +176,14 @@ def improved(known: Reference, scenario: Scenario, results: Iterable[Result]) ->
 
 
 def check_result(result: Result, scenario: Scenario) -> None:
-    """Refuse a result of other episodes than the scenario's test episodes."""
+    """Raise a ResultError if a result is not of the scenario's test episodes."""
     for field, value in {"scenario": scenario.id, "scenario_digest": scenario.digest, "split": SPLIT}.items():
         if result.summary[field] != value:
             raise ResultError(f"{result.folder}: {field}: {result.summary[field]}, expected {value}")
 
 
 def gaps(result: Result, scenario: Scenario) -> Gaps | None:
-    """Return how far a result on ``scenario`` is from what is known; None where nothing is.
+    """Return how far a result on ``scenario`` is from what is known, or None if nothing is known about its episodes.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def gaps(result: Result, scenario: Scenario) -> Gaps | None:
 
 
 def gaps_of(scenario: Scenario, table: Any) -> Gaps | None:
-    """Return, as `gaps`, how far flights on test episodes are from what is known: the columns ``episode`` and ``cral``."""
+    """Return the same as `gaps` for a table of test episodes with the columns ``episode`` and ``cral``."""
     known = load_reference(reference_path(scenario), scenario)
     rows = [
         (known[number], cral)
@@ -217,18 +217,18 @@ def gaps_of(scenario: Scenario, table: Any) -> Gaps | None:
 
 
 def _mean(differences: NDArray[np.float64]) -> Interval | None:
-    """Return the mean of those that are known."""
+    """Return the mean of the differences that are not NaN, or None if there are none."""
     there = differences[~np.isnan(differences)]
     return mean_interval(there) if len(there) else None
 
 
 def _proved(known: Known, scenario: Scenario) -> Known:
-    """Return what is known, with whether it is proved optimal."""
+    """Return what is known, with ``proved_optimal`` updated."""
     return replace(known, proved_optimal=scenario.mission.exact and known.best_known >= known.upper_bound)
 
 
 def _fraction(text: str) -> float:
-    """Read a fraction; an empty one is not known."""
+    """Read a fraction in [0, 1]; an empty text is NaN."""
     value = float(text) if text else math.nan
     if text and not 0.0 <= value <= 1.0:
         raise ValueError(f"{text} is not in [0, 1]")
@@ -236,5 +236,5 @@ def _fraction(text: str) -> float:
 
 
 def _text(value: float) -> str:
-    """Write a fraction so that it is read back to the last bit; NaN as nothing."""
+    """Write a fraction so that reading it gives the same bits; NaN is an empty text."""
     return "" if math.isnan(value) else repr(float(value))

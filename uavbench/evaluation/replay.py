@@ -1,4 +1,4 @@
-"""Checking results: simulating the recorded actions again, and comparing two agents on the same episodes."""
+"""Checking results by simulating the recorded actions again, and comparing two results on the same episodes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -14,7 +14,7 @@ from uavbench.world.city import HOVER, NUM_ACTIONS
 from uavbench.world.episode import check_split, split_size
 from uavbench.world.scenario import Scenario, ScenarioError, SplitName, load_scenario
 
-_MAX_CELLS = 2**25  # of all maps that are flown on side by side: a target map takes 4 bytes a cell
+_MAX_CELLS = 2**25  # of all maps that are simulated side by side; a target map takes 4 bytes per cell
 
 
 def replay(result: Result, scenario_file: str | None = None) -> list[str]:
@@ -52,16 +52,16 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     Parameters
     ----------
     result : Result
-        What is checked.
+        The result to check.
     scenario_file : str, optional
-        Where the scenario is, if it is a user's own and not where it was.
+        The path of a user's own scenario, if its file has been moved.
 
     Returns
     -------
     records : list of EpisodeRecord
-        What was flown; the result's numbers are not in it.
+        What the simulation gives, independent of the numbers in the result.
     wrong : list of str
-        What of the result differs from that, a line each; empty when every number is reproduced.
+        One line for each number of the result that differs from it; empty when every number is reproduced.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
             return [], [f"{name} does not hold the episodes 0 to {episodes - 1}, each once and in order"]
     wrong: list[str] = []
     flown: list[EpisodeRecord] = []
-    # CPP is exact on any machine; DH but for the last digits of a platform's logarithm.
+    # CPP is exact on any machine; in DH, platforms' logarithms differ in their last digits.
     allowed = tolerance(scenario)
     expected = range(episodes)
     together = fly_together(scenario, split, expected, [actions[number] for number in expected])
@@ -94,12 +94,12 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
         return flown, wrong
     counted = sum(record.steps for record in flown)
     if summary["decisions"] != counted:
-        wrong.append(f"summary.json: decisions is {counted}, it says {summary['decisions']}")
+        wrong.append(f"summary.json: decisions is {counted}, the file says {summary['decisions']}")
     for name, interval in metrics_of(flown).items():
         for part, value in asdict(interval).items():
             said = getattr(result.metrics[name], part)
             if not abs(value - said) <= ROUNDING:
-                wrong.append(f"summary.json: metrics.{name}.{part} is {value:g}, it says {said}")
+                wrong.append(f"summary.json: metrics.{name}.{part} is {value:g}, the file says {said}")
     return flown, wrong
 
 
@@ -110,12 +110,12 @@ def flown_in(result: Result, scenario_file: str | None = None) -> tuple[Scenario
     ----------
     result : Result
     scenario_file : str, optional
-        Where the scenario is, if it is a user's own and not where it was.
+        The path of a user's own scenario, if its file has been moved.
 
     Raises
     ------
     ResultError
-        When the scenario is not there or has another digest than the result's, or there is no such split.
+        When the scenario is missing or has another digest than that of the result, or there is no such split.
     """
     summary = result.summary
     try:
@@ -125,7 +125,7 @@ def flown_in(result: Result, scenario_file: str | None = None) -> tuple[Scenario
         raise ResultError(f"{result.folder}: {error}{hint}") from None
     if scenario.digest != summary["scenario_digest"]:
         raise ResultError(
-            f"{result.folder}: scenario_digest: the result is of another {scenario.id} "
+            f"{result.folder}: scenario_digest: the result is of another version of {scenario.id} "
             f"({summary['scenario_digest'][:12]}…, this one is {scenario.digest[:12]}…)"
         )
     try:
@@ -143,7 +143,7 @@ def fly_recorded(
 ) -> EpisodeRecord | None:
     """Fly one episode with recorded actions; ``watch`` sees the simulator at the start and after every step.
 
-    Returns None when they are not the actions of a whole episode.
+    Returns None when the actions are not those of a whole episode.
     """
     return _fly(Simulator(scenario, 1), split, [number], [actions], watch)[0]
 
@@ -151,7 +151,7 @@ def fly_recorded(
 def fly_together(
     scenario: Scenario, split: SplitName, numbers: Sequence[int], flights: Sequence[NDArray[np.uint8]]
 ) -> list[EpisodeRecord | None]:
-    """Fly episodes with recorded actions side by side: every number is the one that the episode has when it is flown alone.
+    """Fly episodes with recorded actions side by side; the numbers are the same as when each episode is flown alone.
 
     Parameters
     ----------
@@ -183,11 +183,11 @@ def _fly(
     flights: Sequence[NDArray[np.uint8]],
     watch: Callable[[Simulator], None] = lambda simulator: None,
 ) -> list[EpisodeRecord | None]:
-    """Fly the episodes ``numbers`` in the first slots. A UAV without a valid action hovers, and its episode is not whole."""
+    """Fly the episodes ``numbers`` in the first slots. A UAV whose action is missing hovers; its episode is not whole."""
     state, count, most = simulator.state, len(numbers), simulator.scenario.max_uavs
     simulator.reset(np.arange(count), split, numbers)
     watch(simulator)
-    longest = state.budget[:count].max(axis=1)  # each step costs every UAV that flies an action of its budget
+    longest = state.budget[:count].max(axis=1)  # each step costs every flying UAV 1 of its budget
     lengths = np.array([len(flight) for flight in flights])
     whole = np.array([flight.shape[1:] == (most,) for flight in flights]) & (lengths <= longest)
     actions = np.full((max(lengths[whole], default=0), simulator.num_envs, most), NO_ACTION, dtype=np.uint8)
@@ -230,7 +230,7 @@ def compare_results(first: Result, second: Result) -> tuple[dict[str, Comparison
     comparison : dict of str to Comparison
         By the metric's name.
     episodes : int
-        On how many episodes: the first ones, as many as the shorter result has.
+        Number of episodes compared: the first ones, as many as the shorter result has.
 
     Raises
     ------
@@ -245,7 +245,7 @@ def compare_results(first: Result, second: Result) -> tuple[dict[str, Comparison
 
 
 def check_paired(first: Result, second: Result) -> None:
-    """Refuse to compare results that are not of the same scenario and split, by a ResultError."""
+    """Raise a ResultError if two results are not of the same scenario and split."""
     for field in ("scenario", "scenario_digest", "split"):
         if first.summary[field] != second.summary[field]:
             raise ResultError(

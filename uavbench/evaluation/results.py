@@ -1,6 +1,6 @@
 """A result on disk: ``summary.json``, ``episodes.csv`` and ``actions.npz`` in ``OUT/<scenario>/<agent>``.
 
-The files of a result are put in their place together, or not at all.
+The files of a result are written all together, or not at all.
 """
 
 import csv
@@ -54,12 +54,12 @@ COLUMNS = {
 }
 
 
-_MAX_BYTES = 2**26  # of a result's actions; those of the paper's scenarios take 0.2 MB
+_MAX_BYTES = 2**26  # of a result's actions.npz; for the paper's scenarios it takes 0.2 MB
 _SUMMARY_BYTES = 2**20
 
 
 class ResultError(UavbenchError, ValueError):
-    """A result that cannot be used; the message names the file and the reason."""
+    """A result cannot be used; the message names the file and the reason."""
 
 
 @dataclass(frozen=True)
@@ -69,9 +69,9 @@ class Result:
     Attributes
     ----------
     folder : Path
-        Where it is.
+        The folder that holds it.
     summary : dict
-        What ``summary.json`` holds.
+        The content of ``summary.json``.
     given_scenario : Scenario, optional
         The scenario, where it is one in memory that no file holds.
     """
@@ -87,7 +87,7 @@ class Result:
 
     @property
     def scenario(self) -> Scenario:
-        """Its scenario: one that is shipped, or a user's own, where it was."""
+        """The result's scenario: a shipped one, or a user's own, from the path that it had then."""
         if self.given_scenario is not None:
             return self.given_scenario
         return load_scenario(self.summary.get("scenario_file") or self.summary["scenario"], run_code=False)
@@ -108,7 +108,7 @@ class Result:
             head, *rows = csv.reader(read_text(path, TABLE_BYTES).splitlines(), strict=True)
             if head != list(COLUMNS):
                 raise ValueError(f"its columns are not {','.join(COLUMNS)}")
-            # Python's float() reads back to the last bit what was written; pandas' own parser need not.
+            # Python's float() reads exactly the number that was written; pandas' own parser may not.
             values = [[kind(_digits(cell)) for kind, cell in zip(kinds, row, strict=True)] for row in rows]
             return pd.DataFrame(values, columns=list(COLUMNS)).astype(dict(zip(COLUMNS, kinds, strict=True)))
         except FileError as error:
@@ -117,12 +117,12 @@ class Result:
             raise ResultError(f"{path}: damaged: {one_line(error)}") from None
 
     def scores(self) -> "pd.DataFrame":
-        """Return `episodes`, whose numbers are possible and those of the summary, though nothing is flown again.
+        """Return `episodes` after checking that the scores are possible and agree with the summary; nothing is replayed.
 
         Raises
         ------
         ResultError
-            When they are not, or the file is damaged.
+            When they are not possible or do not agree, or the file is damaged.
         """
         path, table = self.folder / "episodes.csv", self.episodes()
         if not numbered(table["episode"], self.summary["episodes"]):
@@ -170,19 +170,19 @@ class Result:
 
 
 def numbered(found: Collection[int], episodes: int) -> bool:
-    """Say whether what a file holds are the numbers 0 to ``episodes`` − 1 in order; ``episodes`` may be any claim."""
+    """Return whether ``found`` is 0 to ``episodes`` − 1 in order; ``episodes`` comes from a file and may be any number."""
     return len(found) == episodes and all(number == k for k, number in enumerate(found))
 
 
 def _digits(cell: str) -> str:
-    """Return a number as `publish` writes it; Python itself reads more: other scripts' digits, spaces, underscores."""
+    """Refuse texts that Python reads as numbers but `publish` never writes: other scripts' digits, spaces, underscores."""
     if not cell.isascii() or set(cell) & {" ", "_"}:
         raise ValueError(f"{cell!r} is no number")
     return cell
 
 
 def deliver(contents: Mapping[Path, bytes]) -> None:
-    """Write files that are made of results: all as a whole, or they stay as they were.
+    """Write files that are made from results: all of them, or none.
 
     Raises
     ------
@@ -229,12 +229,12 @@ def load_result(folder: str | Path) -> Result:
 
 
 def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
-    """Return the result of a summary, after a look at what is read from it.
+    """Return the result with a summary, after checking the entries that are used.
 
     Raises
     ------
     KeyError, TypeError, ValueError
-        When something is missing, of another type, or cannot be: the message has its name.
+        When an entry is missing, of a wrong type or impossible; the message names it.
     """
     result = Result(folder, summary)
     for interval in result.metrics.values():
@@ -245,7 +245,7 @@ def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
         for name in names:
             if not isinstance(summary[name], kind):
                 raise TypeError(name)
-    for name in ("agent", "scenario"):  # which are in the names of files that are made of a result
+    for name in ("agent", "scenario"):  # they are used in names of files
         if not summary[name].isprintable() or set(summary[name]) & {"/", "\\"}:
             raise ValueError(f"{name}: {summary[name]!r} is no name")
     if summary["episodes"] < 1:
@@ -254,13 +254,13 @@ def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
 
 
 def metrics_of(records: Sequence[EpisodeRecord]) -> dict[str, Interval]:
-    """Return Landed, CR and CRAL over records."""
+    """Return Landed, CR and CRAL over records, with their intervals."""
     landed, cr, cral = (np.array([getattr(record, name) for record in records]) for name in METRICS)
     return summarise(landed, cr, cral)
 
 
 def table_of(records: Sequence[EpisodeRecord]) -> "pd.DataFrame":
-    """Return what ``episodes.csv`` holds of records."""
+    """Return the table of records that is written to ``episodes.csv``."""
     import pandas as pd
 
     table = pd.DataFrame({column: [getattr(r, field) for r in records] for column, field in COLUMNS.items()})
@@ -268,7 +268,7 @@ def table_of(records: Sequence[EpisodeRecord]) -> "pd.DataFrame":
 
 
 def identity(job: Job, episodes: int) -> dict[str, Any]:
-    """Return what makes two evaluations the same; it stands in the summary."""
+    """Return the facts that identify an evaluation; they are part of its summary."""
     return {
         "uavbench": metadata.version("uavbench"),
         "scenario": job.scenario.id,
@@ -284,12 +284,12 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
 
 
 def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
-    """Write a result's files beside ``folder`` and then put them in its place, all at once; what else is in it stays in it.
+    """Write a result's files to ``folder``, all at once; other files in the folder are kept.
 
     Raises
     ------
     OSError
-        When they cannot be written; what was there stays.
+        When they cannot be written; the folder is then unchanged.
     """
     decisions = sum(record.steps for record in records)
     shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
@@ -318,7 +318,7 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
     with moved_together(folder.parent) as staging:
         new = staging / folder.name
         if folder.is_dir():
-            if not os.access(folder, os.W_OK):  # it could be moved away, but not deleted then
+            if not os.access(folder, os.W_OK):  # it could be moved away, but not deleted afterwards
                 raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(folder))
             shutil.copytree(folder, new, symlinks=True)
         new.mkdir(exist_ok=True)

@@ -1,7 +1,7 @@
-"""An evaluation from beginning to end, that may be interrupted in between.
+"""An evaluation from beginning to end, which may be interrupted and resumed.
 
-What is finished is kept in ``<agent>.partial`` beside the result's folder; `run` with ``resume`` goes on from there and ends
-in the same result as a run that was not interrupted.
+Finished episodes are kept in ``<agent>.partial`` beside the result's folder; `run` with ``resume`` continues from there and
+gives the same result as a run that was not interrupted.
 """
 
 import contextlib
@@ -36,20 +36,20 @@ from uavbench.world.resources import scenario_paths
 from uavbench.world.scenario import load_scenario
 
 _CHECKPOINT_SECONDS = 10.0
-_KINDS: dict[Any, str] = {int: "i", float: "f", bool: "b"}  # of a record's fields, as NumPy names them
-_TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
+_KINDS: dict[Any, str] = {int: "i", float: "f", bool: "b"}  # NumPy's kinds of the types of a record's fields
+_TRAIN_EPISODES = 1000  # flown on the train split by default
 
 
 class Planned(NamedTuple):
-    """An evaluation to come.
+    """A planned evaluation.
 
     Attributes
     ----------
     job : Job
     episodes : int
-        How many.
+        Number of episodes.
     optional : bool
-        Whether it is left out when the agent declines the scenario, because nobody named the scenario.
+        Whether it is left out if the agent refuses the scenario; true if the user named it only as part of ``"all"``.
     """
 
     job: Job
@@ -64,7 +64,7 @@ def jobs(
     episodes: int | None,
     decision_timeout: float | None,
 ) -> list[Planned]:
-    """Plan evaluations, one for each scenario: ``"all"`` are all that are shipped, None is what the agent was trained on.
+    """Plan one evaluation for each scenario; ``"all"`` stands for all shipped ones, None for the one the agent was trained on.
 
     Raises
     ------
@@ -110,30 +110,29 @@ def run(
     job : Job
         What is flown.
     episodes : int
-        How many episodes of the job's split: 0 to ``episodes`` − 1.
+        Number of episodes of the job's split that are flown: 0 to ``episodes`` − 1.
     out : Path
         The folder of all results.
     workers : int
-        Processes.
+        Number of worker processes, as in `evaluate`.
     resume : bool
-        Go on from an interrupted run; there need not be one. A finished one is returned as it is.
+        Continue an interrupted run, if there is one. A finished result of the same evaluation is returned as it is.
     overwrite : bool
-        Replace a finished result even by one of another split, of fewer episodes, or of another agent of the same name; and
-        an interrupted run of others.
+        Replace a finished result even if it is of another split, of more episodes, or of another agent with the same name;
+        and an interrupted run of another split, number of episodes, or agent.
     on_start : callable
-        Called once, when all is checked and the first episode is about to be flown.
+        Called once, after all checks and before the first episode is flown.
     on_record : callable
-        Called with every record, those of the interrupted run first.
+        Called with every record, first with those of the interrupted run.
 
     Raises
     ------
     ResultError
-        When ``out`` cannot be written; when an interrupted run is there, and ``resume`` is not given or it is of something
-        else; when a finished result of another split, of more episodes or of another agent of that name, or an interrupted run
-        of others, is there and ``overwrite`` is not given; or when the agent's files have changed meanwhile: nothing of what it
-        flew is kept then.
+        When ``out`` cannot be written; when there is an interrupted run of the same evaluation and ``resume`` is not given, or
+        with ``resume`` one of another evaluation; when ``overwrite`` is needed to replace what is there, but not given; when
+        the saved episodes are damaged; or when the agent's files have changed meanwhile: then nothing that it flew is kept.
     AgentError, KeyboardInterrupt
-        When the agent fails or the user interrupts; what was finished is kept.
+        When the agent fails or the user interrupts the run; finished episodes are kept.
     """
     folder = out.absolute() / job.scenario.id / job.source.name
     sought = identity(job, episodes)
@@ -187,18 +186,18 @@ def run(
             if records:
                 error.add_note(f"finished episodes are kept in {out}; --resume goes on, if the agent's files are as they were")
         with contextlib.suppress(OSError):
-            folder.parent.rmdir()  # if nothing is in it
+            folder.parent.rmdir()  # only if it is empty
         raise
     partial.remove()
     return result
 
 
 class _ChangedError(ResultError):
-    """The files of an agent changed while it flew: nobody knows which episodes were flown by which."""
+    """The files of an agent changed while it flew, so that nobody knows which episodes were flown by which version."""
 
 
 def _check_unchanged(job: Job, episodes: int, sought: dict[str, Any]) -> None:
-    """Refuse to go on with an agent whose files are not those that began."""
+    """Raise a _ChangedError if the agent's files are not the same as at the beginning."""
     try:
         if identity(job, episodes) == sought:
             return
@@ -211,18 +210,18 @@ def _check_unchanged(job: Job, episodes: int, sought: dict[str, Any]) -> None:
 
 
 def _is_of_another(found: dict[str, Any], sought: dict[str, Any]) -> bool:
-    """Say whether what is there is of another agent than the one sought, and not of the same file as it was before an edit."""
+    """Return whether two identities have different agents; a file and an edited version of it are not different agents."""
     return found.get("agent_sha256") != sought["agent_sha256"] and found.get("agent_file") != sought.get("agent_file")
 
 
 def _agent_file(found: dict[str, Any]) -> str:
-    """Return where an agent's file was, or its digest."""
+    """Return the path that an agent's file had, or its digest."""
     return str(found.get("agent_file") or f"SHA-256 {_short(found.get('agent_sha256'))}")
 
 
 @contextlib.contextmanager
 def _saying_where(folder: Path) -> Generator[None]:
-    """Say that it is ``--out`` that cannot be written."""
+    """Turn an OSError in the block into a ResultError that says that ``--out`` cannot be written."""
     try:
         yield
     except OSError as error:
@@ -238,21 +237,21 @@ def _finished(folder: Path) -> Result | None:
 
 
 def _short(value: object) -> str:
-    """Return a digest's beginning, or a value as it is."""
+    """Return the beginning of a digest, or any other value as text."""
     text = str(value)
     return text[:12] + "…" if len(text) == 64 else text
 
 
 def _read_identity(columns: Columns) -> dict[str, Any]:
-    """Return what an interrupted run was of: a table with at least the names that messages say."""
+    """Return the identity of an interrupted run: a dictionary with at least the entries that messages quote."""
     identity: Any = json.loads(str(columns["identity"]))
     if not isinstance(identity, dict) or not {"agent", "scenario", "split", "episodes"} <= identity.keys():
-        raise ValueError("its identity is no table of what flew")
+        raise ValueError("its identity does not name a run")
     return {str(name): value for name, value in identity.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
 
 
 def _read_spent(columns: Columns) -> float:
-    """Return the seconds that were spent."""
+    """Return the seconds that an interrupted run has taken so far."""
     spent = float(columns["spent"].astype(np.float64, casting="same_kind"))
     if not 0.0 <= spent < math.inf:
         raise ValueError(f"spent is {spent}")
@@ -260,7 +259,7 @@ def _read_spent(columns: Columns) -> float:
 
 
 def _read_records(columns: Columns) -> dict[int, EpisodeRecord]:
-    """Return the records by their episodes' numbers: each once, of numbers that can be."""
+    """Return the records by their episodes' numbers; raise a ValueError if one occurs twice or has impossible values."""
     kinds = {field.name: _KINDS[field.type] for field in fields(EpisodeRecord) if field.name != "actions"}
     lengths, actions = columns["lengths"], columns["actions"]
     count = len(lengths)
@@ -281,13 +280,13 @@ def _read_records(columns: Columns) -> dict[int, EpisodeRecord]:
 
 
 def _alike(record: EpisodeRecord, again: EpisodeRecord) -> bool:
-    """Say whether two records are of one flight, but for the last digits of a platform's logarithm and for the time it took."""
+    """Return whether two records agree, apart from the decision times and from differences of at most `ROUNDING`."""
     names = [field.name for field in fields(EpisodeRecord) if field.name not in ("actions", "seconds")]
     return all(abs(float(getattr(record, name)) - float(getattr(again, name))) <= ROUNDING for name in names)
 
 
 class _Partial:
-    """What an interrupted run has finished."""
+    """The file that keeps the finished episodes of an interrupted run."""
 
     def __init__(self, folder: Path, identity: dict[str, Any], job: Job) -> None:
         self._job = job
@@ -295,7 +294,7 @@ class _Partial:
         self._identity = identity
 
     def load(self, resume: bool, overwrite: bool) -> tuple[dict[int, EpisodeRecord], float]:
-        """Return the finished records and the time they took."""
+        """Return the finished records and the seconds they took; nothing if there are none or a new run replaces them."""
         if not self._path.exists():
             return {}, 0.0
         try:
@@ -314,7 +313,7 @@ class _Partial:
                 "name with --name NAME, give another --out, or --overwrite"
             )
         if not resume and (differ - {"split", "episodes"} or (differ and overwrite)):
-            return {}, 0.0  # an agent or scenario edited since: a new run
+            return {}, 0.0  # the agent or scenario has been edited: a new run
         if not resume and differ:
             raise ResultError(
                 f"{where}, {len(columns['episode'])} of {identity['episodes']} {identity['split']} episodes done: "
@@ -331,18 +330,18 @@ class _Partial:
                     f"{where}, but its {name} is {_short(identity.get(name))}, not {_short(self._identity[name])}: "
                     "run without --resume, with --overwrite, to start over"
                 )
-        for record in records.values():  # else a damaged file would become a result that no replay gives
+        for record in records.values():  # otherwise a damaged file would become a result that no replay reproduces
             known = record.episode < self._identity["episodes"]
             again = fly_recorded(self._job.scenario, self._job.split, record.episode, record.actions) if known else None
             if again is None or not _alike(record, again):
                 raise ResultError(
-                    f"{self._path}: damaged (episode {record.episode} is not what its actions give); "
+                    f"{self._path}: damaged (the numbers of episode {record.episode} do not follow from its actions); "
                     "delete its folder to start over"
                 )
         return records, spent
 
     def save(self, records: dict[int, EpisodeRecord], spent: float) -> None:
-        """Keep the finished records, whole or not at all."""
+        """Save the finished records, completely or not at all."""
         if not records:
             return
         done = list(records.values())
@@ -356,5 +355,5 @@ class _Partial:
             write_atomic(self._path, pack_arrays(columns))
 
     def remove(self) -> None:
-        """Forget the unfinished run: it is finished."""
+        """Delete the saved records: they are no longer needed."""
         shutil.rmtree(self._path.parent, ignore_errors=True)

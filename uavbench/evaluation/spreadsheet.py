@@ -1,12 +1,12 @@
-"""Text in CSV files, made harmless: a spreadsheet may take a cell for a formula, and run it."""
+"""Making text harmless in CSV files: a spreadsheet may interpret a cell as a formula and run it."""
 
 import re
 
-# A formula begins with one of these characters, also in full width. Where the comma is the decimal mark, spreadsheets take
-# the semicolon for the separator of cells, so that a formula may stand behind one.
+# A formula begins with one of these characters, or with its full-width form. In countries with a decimal comma, spreadsheets
+# separate cells at semicolons, so that a formula may also follow one of these.
 _FORMULA = re.compile(r"""(^|[;,\t|])([\s"']*)(?=[=+\-@＝＋－＠﹢﹣﹦﹫−])""")
 
 
 def plain_cell(text: str) -> str:
-    """Return text that every spreadsheet takes for text: what would begin a formula has an apostrophe before it."""
+    """Return text that no spreadsheet interprets as a formula: an apostrophe is put before what would begin one."""
     return _FORMULA.sub(r"\1\2'", text)

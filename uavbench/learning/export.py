@@ -1,4 +1,4 @@
-"""Writing a learned agent's network as an ONNX model, that is scored without its code."""
+"""Exporting a learned agent's network as an ONNX model, which can be evaluated without the agent's code."""
 
 import importlib
 import logging
@@ -15,25 +15,25 @@ from uavbench.world.scenario import Scenario
 
 
 class ExportError(UavbenchError, ValueError):
-    """A network that cannot be exported; the message says why."""
+    """A network cannot be exported; the message says why."""
 
 
 def export(source: AgentSource, scenario: Scenario, path: Path) -> None:
-    """Write the network of an agent whose ``network`` is a PyTorch module that takes observations.
+    """Export an agent's attribute ``network``, a PyTorch module that takes observations, as an ONNX model.
 
     Parameters
     ----------
     source : AgentSource
         The agent.
     scenario : Scenario
-        Whose observations the model is to take.
+        The scenario whose observations the model takes.
     path : Path
-        The file, ``.onnx``.
+        The file to write, ``.onnx``.
 
     Raises
     ------
     ExportError
-        When the agent has no network, the file's name does not end in ``.onnx``, or a library is missing.
+        When the agent has no network or is an ONNX model itself, ``path`` does not end in ``.onnx``, or a library is missing.
     """
     if path.suffix != ".onnx":
         raise ExportError(f"{path}: the name of an ONNX model ends in .onnx")
@@ -51,7 +51,7 @@ def export(source: AgentSource, scenario: Scenario, path: Path) -> None:
     example = tuple(torch.zeros(2, *array.shape[1:]) for array in Observer(scenario).empty(1).values())
 
     class Positional(torch.nn.Module):
-        """The network with the observation's parts as arguments, which is how ONNX knows them."""
+        """The network with the parts of the observation as positional arguments, which become the inputs of the ONNX model."""
 
         def __init__(self) -> None:
             super().__init__()  # pyright: ignore[reportUnknownMemberType]
@@ -62,7 +62,7 @@ def export(source: AgentSource, scenario: Scenario, path: Path) -> None:
 
     batch = torch.export.Dim("batch")
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    with warnings.catch_warnings(action="ignore"):  # the exporter's own deprecations are not the user's business
+    with warnings.catch_warnings(action="ignore"):  # they are about the exporter's own code
         program = torch.onnx.export(
             Positional().eval(),
             example,

@@ -1,4 +1,4 @@
-"""The memory of a training: pages that it frees and asks for again at every update stay with the process."""
+"""The memory of a training: the process keeps pages that it would otherwise free and request again at every update."""
 
 import ctypes
 
@@ -12,7 +12,7 @@ def keep_freed() -> bool:
     Returns
     -------
     bool
-        Whether the process does so. Elsewhere than on glibc nothing happens.
+        Whether the process does so. With another C library than glibc nothing happens.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt

@@ -1,8 +1,8 @@
-"""Training a learned agent from beginning to end, that may be interrupted in between.
+"""Training a learned agent from beginning to end; a training may be interrupted and resumed.
 
-An agent's file that can be trained has, besides its ``Agent``, a dictionary ``CONFIGS`` of dataclasses and a class ``Learner``:
-docs/agents.md. Everything that the training needs to go on is in one checkpoint; the weights that are kept are those with the
-highest CRAL on validation episodes.
+An agent that can be trained has in its file, besides ``Agent``, a dictionary ``CONFIGS`` of dataclasses and a class ``Learner``
+(see docs/agents.md). One checkpoint holds everything that is needed to resume the training. The weights that are kept are those
+with the highest CRAL on validation episodes.
 """
 
 import hashlib
@@ -32,13 +32,13 @@ from uavbench.world.scenario import Scenario
 _CHECKPOINT_SECONDS = 180.0
 _PLOT_UPDATES = 100
 _VALIDATION_EPISODES = 200
-#: What a configuration, and a learner, must have.
+#: The attributes that a configuration and a learner must have.
 _FIELDS = ("updates", "validation")
 _LEARNER = ("updates", "samples", "advance", "weights", "snapshot", "resume")
 
 
 class TrainError(UavbenchError, ValueError):
-    """A training that cannot begin or go on; the message says what to change."""
+    """A training cannot begin or be resumed; the message says what to change."""
 
 
 @dataclass(frozen=True)
@@ -53,10 +53,10 @@ class Training:
     name : str
         The configuration's name, or the stem of its file.
     config : dataclass
-        How to train.
+        The settings of the training.
     seed : int
     start : Path, optional
-        Weights to begin from.
+        Weights to start from.
     """
 
     source: AgentSource
@@ -68,17 +68,17 @@ class Training:
 
     @property
     def label(self) -> str:
-        """What the weights' file is called."""
+        """The stem of the names of the training's files."""
         return f"{self.source.name}-{self.name}-{self.seed}"
 
     def files(self, out: Path) -> tuple[Path, Path]:
-        """Return the files of the weights that are kept and of the checkpoint, in the folder of all trainings."""
+        """Return the paths of the weights that are kept and of the checkpoint; ``out`` is the folder of all trainings."""
         folder = out / self.scenario.id
         return folder / f"{self.label}.safetensors", folder / f"{self.label}.checkpoint"
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What makes two trainings the same."""
+        """The facts that identify a training: a checkpoint with other ones is of another training."""
         return {
             "agent": self.source.name,
             "scenario": self.scenario.id,
@@ -91,11 +91,11 @@ class Training:
 
     @cached_property
     def _start_sha256(self) -> str | None:
-        """The digest of the weights to begin from, as they were when the training began."""
+        """The digest of the weights to start from, as they were when the training began."""
         return None if self.start is None else hashlib.sha256(read_bounded(self.start, MODEL_BYTES)).hexdigest()
 
     def record(self, curve: list["Point"], seconds: float | None = None) -> dict[str, Any]:
-        """Return what is written beside arrays: how they came about."""
+        """Return the record that is saved with arrays and says how they were made."""
         versions = {name: metadata.version(name) for name in ("uavbench", "numpy", "numba", "torch")}
         spent = seconds if seconds is not None else curve[-1].seconds if curve else 0.0
         curve_values = [asdict(point) for point in curve]
@@ -103,7 +103,7 @@ class Training:
             **self.identity,
             **training_facts(self.scenario),
             "built_in": self.source.built_in,
-            "agent_sha256": self.source.sha256,  # which may change while a training rests
+            "agent_sha256": self.source.sha256,  # not in identity: it may change before a resume
             "curve": curve_values,
             "seconds": spent,
             "versions": {"python": platform.python_version(), **versions},
@@ -117,11 +117,11 @@ class Point:
     Attributes
     ----------
     updates, samples : int
-        Done so far.
+        Number of updates and of samples so far.
     seconds : float
-        Spent so far, validation included.
+        Time spent so far, including validation.
     landed, cr, cral : float
-        Means over the first 200 validation episodes.
+        Means over the first validation episodes: 200, or ``validation_episodes`` of the configuration.
     """
 
     updates: int
@@ -133,14 +133,14 @@ class Point:
 
 
 def read_config(source: AgentSource, config: str) -> tuple[str, Any]:
-    """Return the name and the values of a configuration: one of the agent's own, or a TOML file.
+    """Return the name and the values of a configuration: one of the agent's ``CONFIGS``, or a TOML file.
 
-    A file may begin from one of the agent's own: ``base = "fast"``.
+    A file changes fields of one of ``CONFIGS``, which it may name: ``base = "fast"``, the default.
 
     Raises
     ------
     TrainError
-        When there is none, or a field is unknown or of a wrong type.
+        When the agent cannot be trained, there is no such configuration, or a field is unknown or of a wrong type.
     """
     configs = getattr(source.module(), "CONFIGS", None)
     if configs is None or not hasattr(source.module(), "Learner"):
@@ -184,7 +184,7 @@ def train(
     on_update: Callable[[int], None] = lambda updates: None,
     on_point: Callable[[Point], None] = lambda point: None,
 ) -> Path:
-    """Train, and return the file of the weights that validate best: ``out``/<scenario>/<agent>-<config>-<seed>.safetensors.
+    """Train, and return the file of the best weights in validation: ``out``/<scenario>/<agent>-<config>-<seed>.safetensors.
 
     Parameters
     ----------
@@ -192,28 +192,29 @@ def train(
     out : Path
         The folder of all trainings.
     resume : bool
-        Go on from a checkpoint; there need not be one.
+        Continue from the checkpoint, if there is one.
     seconds : float
-        Stop after this time, to be resumed later.
+        Stop after this time; the training can be resumed later.
     threads : int
-        Of PyTorch. Another number may change the last digits of the weights.
+        Number of PyTorch's threads. Another number may change the last digits of the weights.
     on_start, on_update, on_point : callable
-        Called at the beginning with the updates done and wanted, after every update, and at every validation.
+        Called at the beginning with the numbers of updates done and wanted, after every update with the number done, and for
+        every validation, those before a resume included.
 
     Raises
     ------
     TrainError, WeightsError
-        When a checkpoint is there and ``resume`` is not given, or it is damaged or of another training; when the agent
-        cannot learn this scenario, or begin from the weights given, or a library is missing.
+        When a checkpoint exists and ``resume`` is not given, or it is damaged or of another training; when the agent cannot
+        learn this scenario or start from the given weights; or when a library is missing.
     KeyboardInterrupt
-        When the user interrupts; a checkpoint has been written.
+        When the user interrupts the training; a checkpoint has been written.
     """
     kept, checkpoint = training.files(out)
     folder = kept.parent
     _needed("safetensors", "tensorboard", "torch").set_num_threads(threads)
     keep_freed()
     if training.source.weights is not None:
-        raise TrainError(f"{training.source.weights} are weights: name their agent; --from begins from weights")
+        raise TrainError(f"{training.source.weights} are weights: name their agent; --from starts from weights")
     try:
         learner = training.source.module().Learner(training.scenario, training.config, training.seed)
     except ValueError as error:
@@ -226,7 +227,7 @@ def train(
             raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
         check_trained(training.start, training_record(training.start), training.scenario)
         learner.start_from(training.start)
-    _ = training.identity  # which is looked up now, whatever becomes of the files later
+    _ = training.identity  # digests are computed now, since files may change later
     points, spent = _begin(training, learner, checkpoint, resume)
     if points and not kept.exists():
         raise TrainError(f"{kept}: the best weights so far are gone: put them back, or delete {checkpoint} to start over")
@@ -260,7 +261,7 @@ def train(
 
 
 def _needed(*libraries: str) -> Any:
-    """Return the last of some libraries, or say how to install them."""
+    """Return the last of some libraries; raise a TrainError that says how to install a missing one."""
     try:
         return [importlib.import_module(name) for name in libraries][-1]
     except ImportError as error:
@@ -268,20 +269,20 @@ def _needed(*libraries: str) -> Any:
 
 
 def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> tuple[list[Point], float]:
-    """Set the learner as the checkpoint says; return the curve and the time so far."""
+    """Restore the learner from the checkpoint, if there is one; return the curve and the time so far."""
     if not checkpoint.exists():
         return [], 0.0
     if not resume:
         raise TrainError(f"{checkpoint} is there already: go on with --resume, or delete it to start over")
     for left in checkpoint.parent.glob(f".{checkpoint.name}.*"):
-        left.unlink()  # of a process that was killed while it wrote
+        left.unlink()  # left by a process that was killed while it wrote
     arrays, record = load_weights(checkpoint)
     for name, found, value in _differences(record, training.identity):
         raise TrainError(f"{checkpoint}: it is of another training: its {name} is {found}, not {value}")
     try:
         learner.resume(arrays)
         again = learner.snapshot()
-        for name in sorted(arrays.keys() | again.keys()):  # what was not taken in as it is was not what it should be
+        for name in sorted(arrays.keys() | again.keys()):  # what was not restored exactly is wrong
             if arrays[name].shape != again[name].shape or arrays[name].tobytes() != again[name].tobytes():
                 raise ValueError(f"{name} does not fit")
         points = [Point(**point) for point in record["curve"]]
@@ -295,7 +296,7 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
 
 
 def _differences(found: Mapping[str, Any], expected: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Return what differs in tables of tables: its name with those of the tables it is in, what it is, and should be."""
+    """Yield the differences of two nested tables: the dotted name, the value found, and the value expected."""
     for name, value in expected.items():
         other: Any = found.get(name)
         if isinstance(value, Mapping) and isinstance(other, Mapping):
@@ -305,7 +306,7 @@ def _differences(found: Mapping[str, Any], expected: Mapping[str, Any], prefix: 
 
 
 def _validate(training: Training, learner: Any, folder: Path, seconds: float) -> Point:
-    """Score the network as it is, by the way that weights on disk are scored."""
+    """Evaluate the present network, in the same way as weights on disk are evaluated."""
     latest = folder / f".{training.label}.latest.safetensors"
     save_weights(latest, learner.weights(), training.record([]))
     job = Job(replace(training.source, weights=latest), training.scenario, "validation")
@@ -320,7 +321,7 @@ def _validate(training: Training, learner: Any, folder: Path, seconds: float) ->
 
 
 def _board(folder: Path, done: int) -> Any:
-    """Return TensorBoard's writer, on which a resumed training goes on from ``done`` updates."""
+    """Return a TensorBoard writer; what an interrupted training wrote after ``done`` updates is dropped."""
     from torch.utils.tensorboard.writer import SummaryWriter
 
     return SummaryWriter(str(folder), purge_step=done + 1)

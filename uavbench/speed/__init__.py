@@ -1,1 +1,1 @@
-"""How fast the simulator is on this machine, beside other simulators."""
+"""Measuring how fast the simulator is on this machine, beside other simulators."""

@@ -1,6 +1,7 @@
-"""How fast the suite is on this machine: steps per second, beside what copying the same observations takes.
+"""Measuring the suite's steps per second on this machine, beside the time that copying the same observations takes.
 
-Everything is measured in rounds that alternate, and the best round counts, so that a busy machine disturbs all alike.
+Every round measures everything once, one after the other, and the best round of each counts, so that other load on the machine
+affects all measurements alike.
 """
 
 import os
@@ -21,18 +22,18 @@ from uavbench.simulation.simulator import Simulator
 from uavbench.speed.peers import installed_peers
 from uavbench.world.scenario import Scenario
 
-#: What is measured by default: each mission on each of the paper's maps.
+#: The scenarios that are measured by default: each mission on each of the paper's maps.
 SCENARIOS = ("Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0")
-#: Environments in one vector environment.
+#: Numbers of environments in one vector environment.
 BATCHES = (1, 16, 256, 1024)
 
-_STEPS = 8192  # of all environments together, in one round
-_MIN_STEPS = 4  # of the whole batch
-_ACTIONS = 5  # all but land, with which most episodes would end at their start
+_STEPS = 8192  # steps of all environments together in one round
+_MIN_STEPS = 4  # but at least so many steps of the whole batch
+_ACTIONS = 5  # all except land, by which most episodes would end at their start
 
 
 class SpeedError(UavbenchError):
-    """What cannot be measured; the message says why."""
+    """A speed cannot be measured; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -42,17 +43,17 @@ class Speed:
     Attributes
     ----------
     task : str
-        The scenario, or a peer's environment.
+        The scenario, or the environment of a peer (`uavbench.speed.peers`).
     interface : str
         What was stepped: ``"Env"``, ``"VectorEnv"``, ``"Simulator"`` (no observations), or a peer's.
     environments, threads : int
-        How many environments, and how many threads shared them.
+        Number of environments, and of threads that stepped them.
     microseconds : float
-        What a step of one environment took, resets included (but for ``"Env"``).
+        Time of one step of one environment, including resets (except for ``"Env"``).
     bytes : int
-        Of the observation of one environment; 0 without.
+        Size of the observation of one environment; 0 without observations.
     copying : float
-        What copying these bytes took in the same run, in microseconds.
+        Time that copying these bytes took in the same run, in microseconds; 0 where it is not measured.
     """
 
     task: str
@@ -65,23 +66,23 @@ class Speed:
 
     @property
     def steps_per_second(self) -> float:
-        """Steps of one environment in a second."""
+        """Steps per second, of all environments together."""
         return 1e6 / self.microseconds
 
 
 def prepare(
     scenarios: Sequence[Scenario], *, peers: bool = True, on_failure: Callable[[str], None] = lambda _: None
 ) -> "list[Measurement]":
-    """Make what is to be measured: the environments of scenarios, and the peers that are installed.
+    """Make everything that is to be measured: the environments of scenarios, and the peers that are installed.
 
     Parameters
     ----------
     scenarios : sequence of Scenario
-        For one UAV.
+        Scenarios for one UAV.
     peers : bool
         Whether other suites are measured too, where they are installed.
     on_failure : callable, optional
-        Is called with one line about a peer that is installed, but cannot be measured.
+        Called with one line about each peer that is installed but cannot be measured.
 
     Raises
     ------
@@ -98,7 +99,7 @@ def prepare(
 def measure(
     everything: "Sequence[Measurement]", rounds: int, on_round: Callable[[object], None] = lambda _: None
 ) -> list[Speed]:
-    """Measure everything so many times in turn, call ``on_round`` after each, and return the best of each."""
+    """Measure everything in ``rounds`` rounds, call ``on_round`` after each round, and return the best measurements."""
     for _ in range(rounds):
         for each in everything:
             each.measure()
@@ -107,7 +108,7 @@ def measure(
 
 
 def report(speeds: Iterable[Speed]) -> dict[str, Any]:
-    """Return measurements with the machine and the versions that they are of, ready for JSON."""
+    """Return measurements with the machine and the versions on which they were taken, ready for JSON."""
     import numba
 
     import uavbench
@@ -118,7 +119,7 @@ def report(speeds: Iterable[Speed]) -> dict[str, Any]:
 
 
 def machine() -> dict[str, str | int]:
-    """Return what the measurements were taken on."""
+    """Return a description of this machine."""
     return {"processor": _processor(), "cores": cores(), "system": f"{platform.system()} {platform.machine()}"}
 
 
@@ -138,7 +139,7 @@ def _processor() -> str:
 
 
 def _of(scenario: Scenario) -> "Iterator[Measurement]":
-    """Return what is measured of a scenario."""
+    """Return the measurements for a scenario."""
     yield _Env(scenario)
     threads = sorted({1, cores()})
     for environments in BATCHES:
@@ -148,7 +149,7 @@ def _of(scenario: Scenario) -> "Iterator[Measurement]":
 
 
 class Measurement(ABC):
-    """Something that steps, and the best of its rounds in seconds per step and environment."""
+    """Something that can be stepped, and its best round so far in seconds per step of one environment."""
 
     environments = 1
 
@@ -158,14 +159,14 @@ class Measurement(ABC):
         self.actions = np.random.default_rng(0).integers(0, _ACTIONS, (self.steps, self.environments))
 
     def measure(self) -> None:
-        """Take one round."""
+        """Measure one round."""
         self.prepare()
         started = time.perf_counter()
         self.run()
         self.stepping = min(self.stepping, (time.perf_counter() - started) / self.steps / self.environments)
 
-    def prepare(self) -> None:  # noqa: B027  # most have nothing to do
-        """Do what is not measured."""
+    def prepare(self) -> None:  # noqa: B027  # most have nothing to prepare
+        """Prepare a round; this is not measured."""
 
     @abstractmethod
     def run(self) -> None:
@@ -177,13 +178,13 @@ class Measurement(ABC):
 
 
 class _Env(Measurement):
-    """One environment; resets are not measured."""
+    """Measures one environment, without resets."""
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__()
         self.env = UAVEnv(scenario)
         self.longest = scenario.budget[1]
-        self.steps = max(1, min(self.steps, self.longest - 1))  # of one episode
+        self.steps = max(1, min(self.steps, self.longest - 1))  # all within one episode
 
     def prepare(self) -> None:
         self.env.reset(seed=0, options={"budget": self.longest})
@@ -198,7 +199,7 @@ class _Env(Measurement):
 
 
 class _Vector(Measurement):
-    """A vector environment, and copies of its observations."""
+    """Measures a vector environment, and how long copying its observations takes."""
 
     def __init__(self, scenario: Scenario, environments: int, threads: int) -> None:
         self.environments, self.threads = environments, threads
@@ -226,7 +227,7 @@ class _Vector(Measurement):
 
 
 class _Bare(Measurement):
-    """A simulator without observations; episodes that end are followed by the next."""
+    """Measures a simulator without observations; when an episode ends, its slot begins the next one."""
 
     def __init__(self, scenario: Scenario, environments: int, threads: int) -> None:
         self.environments = environments
@@ -249,7 +250,7 @@ class _Bare(Measurement):
 
 
 class _Peer(Measurement):
-    """Another suite's environments."""
+    """Measures another suite's environments."""
 
     def __init__(self, peer: Any) -> None:
         self.peer = peer

@@ -1,6 +1,6 @@
-"""Other suites' nearest tasks, for `uavbench speed`: each is measured where it is installed, and nothing here needs one.
+"""The most similar tasks of other suites, for `uavbench speed`. They are optional: those that are installed are measured.
 
-A peer steps a batch of environments under random actions, with its own way to start the next episodes.
+A peer steps a batch of environments with fixed actions, and starts the next episodes in its own way.
 """
 
 import importlib.util
@@ -13,7 +13,7 @@ import numpy as np
 from uavbench.errors import one_line
 
 _ENVIRONMENTS = 256
-_FEW = 16  # of environments that are Python: a round of more would take seconds
+_FEW = 16  # number of environments written in Python: a round of more would take seconds
 
 
 @dataclass(frozen=True)
@@ -23,11 +23,11 @@ class Peer:
     Attributes
     ----------
     task, interface : str
-        Which environment, stepped how.
+        The environment, and the interface by which it is stepped.
     environments : int
-        How many.
+        Number of environments.
     bytes : int
-        Of the observation of one of them.
+        Size of the observation of one environment.
     step : callable
         Steps them all once.
     """
@@ -40,18 +40,18 @@ class Peer:
 
 
 def installed_peers(on_failure: Callable[[str], None]) -> Iterator[Peer]:
-    """Return the peers that are installed; ``on_failure`` is told of one that cannot be made, and why."""
+    """Yield the peers that are installed; call ``on_failure`` with a line about each one that cannot be made."""
     for (module, name), make in _MAKERS.items():
         if importlib.util.find_spec(module) is None:
             continue
         try:
             yield make(name)
-        except Exception as error:  # of any kind: another library's, in a version that nobody tried
+        except Exception as error:  # another library in an untested version may raise anything
             on_failure(f"{name} of {module} cannot be measured: {type(error).__name__}: {one_line(error)}")
 
 
 def _minigrid(name: str) -> Peer:
-    """Return MiniGrid, in Python, in Gymnasium's vector environment."""
+    """Return MiniGrid, which is written in Python, in Gymnasium's vector environment."""
     import gymnasium as gym
 
     importlib.import_module("minigrid")
@@ -59,21 +59,21 @@ def _minigrid(name: str) -> Peer:
 
 
 def _envpool(name: str) -> Peer:
-    """Return EnvPool's MiniGrid, in C++."""
+    """Return EnvPool's MiniGrid, which is written in C++."""
     envpool: Any = importlib.import_module("envpool")
     envs = envpool.make(name, env_type="gymnasium", num_envs=_ENVIRONMENTS, num_threads=1)
     return _vector_peer(name, "EnvPool", envs, _ENVIRONMENTS)
 
 
 def _vector_peer(name: str, interface: str, envs: Any, environments: int) -> Peer:
-    """Return a peer with the interface of Gymnasium's vector environments; its actions turn and go forward."""
+    """Return a peer with the interface of Gymnasium's vector environments; its actions are to turn and to go forward."""
     observation, _ = envs.reset()
     actions = np.random.default_rng(0).integers(0, 3, environments).astype(np.int32)
     return Peer(name, interface, environments, _size(observation) // environments, lambda: envs.step(actions))
 
 
 def _jumanji(name: str) -> Peer:
-    """Return one of Jumanji's environments, compiled by JAX; its actions are the first of those allowed."""
+    """Return one of Jumanji's environments, compiled by JAX; all its actions are the one that its specification generates."""
     jax: Any = importlib.import_module("jax")
     jumanji: Any = importlib.import_module("jumanji")
     wrappers: Any = importlib.import_module("jumanji.wrappers")
@@ -91,7 +91,7 @@ def _jumanji(name: str) -> Peer:
 
 
 def _size(observation: Any) -> int:
-    """Return how many bytes of numbers an observation holds; text, as MiniGrid's mission, is not counted."""
+    """Return the size of the numbers in an observation, in bytes; text, such as MiniGrid's mission, is not counted."""
     if isinstance(observation, dict):
         return sum(_size(part) for part in cast("dict[str, Any]", observation).values())
     array: Any = np.asarray(observation)

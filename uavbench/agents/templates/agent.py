@@ -2,20 +2,20 @@
 
 Try it with:  uavbench check FILE  and then:  uavbench evaluate --agent FILE
 
-The whole contract is docs/agents.md in the repository of uavbench.
+docs/agents.md in uavbench's repository describes the whole contract.
 """
 
 import numpy as np
 
 
 class Agent:
-    """Flies at random among the actions that have their effect: replace ``act`` by something better."""
+    """Takes random valid actions: replace ``act`` by something better."""
 
-    # "observation": decide by the observation alone. "state": info["state"] shows everything but the noise to come.
+    # "observation": decide from the observation alone. "state": info["state"] shows everything except the noise to come.
     track = "observation"
 
     def __init__(self, scenario):
-        """Prepare for a scenario: an `uavbench.Scenario` with its map (``rows``), budgets, rewards and mission."""
+        """Prepare for a scenario, an `uavbench.Scenario` with its map (``rows``), budgets, rewards and mission."""
         self.scenario = scenario
 
     def reset(self, info):
@@ -25,11 +25,11 @@ class Agent:
     def act(self, observation, info):
         """Choose an action: 0 north, 1 east, 2 south, 3 west, 4 hover, 5 land.
 
-        observation["local"]   (4, l, l) float32: landing, no_fly, building, target around the UAV, which is in the middle
-        observation["global"]  (4, h, w) float32: the same layers of the whole centred map, averaged g×g
-        observation["budget"]  (1,) float32: actions left; landed before it is 0, or crashed
-        info["action_mask"]    (6,) int8: 1 where the action has its effect (not blocked; land only in a landing zone)
+        observation["local"]   (4, l, l) float32: landing, no_fly, building, target around the UAV, whose cell is in the middle
+        observation["global"]  (4, h, w) float32: the same layers of the whole centred map, as g×g means
+        observation["budget"]  (1,) float32: actions left; a UAV that has not landed when it reaches 0 crashes
+        info["action_mask"]    (6,) int8: 1 where the action is valid (not blocked; land only in a landing zone)
 
-        In a team it is asked for each UAV, info["uav"], in turn; the maps have two layers more: other UAVs, their budgets.
+        In a team it is called for each UAV in turn, info["uav"]; the maps have two more layers: other UAVs, and their budgets.
         """
         return self.random.choice(np.flatnonzero(info["action_mask"]))
