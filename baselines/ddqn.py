@@ -55,7 +55,7 @@ class Config:
     huber, clip : float
         The error from which the loss is linear, and the largest norm of a gradient; 0 turns either off.
     random_start_fraction, last_random_start_fraction : float
-        Share of episodes that start in any cell with any budget.
+        Share of episodes that start in any cell, with any budget that suffices to land.
     safe_exploration, last_safe_exploration : float
         Share of the environments that try only safe actions, after which landing is still possible. Without any, the first
         thing learned is to land at once; with all of them, landing is never learned.

@@ -11,6 +11,7 @@ import pytest
 
 import uavbench
 from uavbench.moved import MOVED
+from uavbench.world.resources import baselines_folder
 
 PACKAGE = Path(uavbench.__file__).parent
 ADR = Path(__file__).parents[1] / "docs" / "adr" / "0001-the-layout.md"
@@ -93,3 +94,41 @@ def test_old_names_warn_and_lead_to_the_same_things() -> None:
         "<string> DeprecationWarning uavbench.city is now uavbench.world.city; the old name works until version 0.3"
     )
     assert "uavbench.missions.coverage is now uavbench.simulation.missions.coverage" in done.stdout
+
+
+def functions() -> list[tuple[str, ast.FunctionDef]]:
+    """Return the functions of the package and the baselines that are no kernels, with what they are called."""
+    found: list[tuple[str, ast.FunctionDef]] = []
+    for path in sorted([*PACKAGE.rglob("*.py"), *baselines_folder().glob("*.py")]):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.FunctionDef) and not any("kernel" in ast.unparse(each) for each in node.decorator_list):
+                found.append((f"{path.relative_to(path.parents[1])}:{node.name}", node))
+    return found
+
+
+def lines_of_code(node: ast.FunctionDef) -> int:
+    """Return how many lines a function has behind its docstring."""
+    body = node.body[1:] if ast.get_docstring(node) else node.body
+    return (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
+
+
+#: What has more arguments than eight, and why.
+LONG_SIGNATURES = {
+    "cli/app.py:evaluate": "the options of the command",
+    "envs/vector_env.py:__init__": "keyword arguments, which Gymnasium takes flat",
+    "envs/parallel_env.py:__init__": "keyword arguments, which PettingZoo takes flat",
+    "planning/harvesting.py:search": "a whole problem; those of a kind are one argument when the planner is next changed",
+}
+
+
+def test_functions_are_short() -> None:
+    assert [name for name, node in functions() if lines_of_code(node) > 50] == []
+
+
+def test_functions_have_few_arguments() -> None:
+    long = {
+        name
+        for name, node in functions()
+        if len([each for each in (*node.args.args, *node.args.kwonlyargs) if each.arg not in ("self", "cls")]) > 8
+    }
+    assert long == set(LONG_SIGNATURES)

@@ -15,7 +15,10 @@ def test_every_block_is_run():
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.integrations if "stable_baselines3" in code else ()) for name, code in BLOCKS.items()],
+    [
+        pytest.param(name, marks=pytest.mark.integrations if "stable_baselines3" in code else ())
+        for name, code in BLOCKS.items()
+    ],
 )
 def test_a_recipe_runs(name, tmp_path, monkeypatch):
     if "stable_baselines3" in BLOCKS[name]:

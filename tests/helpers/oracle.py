@@ -1,7 +1,7 @@
 """The rules of the world, written literally and without regard to speed, to compare the simulator with.
 
 This is independent of the package: only a scenario's parameters and map come from it. The rules are those of the paper (Theile
-et al., ICAR 2021), eqs. (1), (2) and (5) to (15), and of docs/rules.md. A team is a list of oracles that share targets: `team`.
+et al., ICAR 2021), eqs. (5) to (15), and of docs/rules.md. A team is a list of oracles that share targets: `team`.
 """
 
 import math
@@ -115,14 +115,14 @@ class Oracle:
         rewards = self.scenario.rewards
         old = self.p
         lands = action == LAND and bool(self.landing[self.p])
-        if action in MOVES:  # eq. (1), with the safety controller
+        if action in MOVES:  # with the safety controller
             y, x = self.p[0] + MOVES[action][0], self.p[1] + MOVES[action][1]
             held = any(other.p == (y, x) and not other.done for other in self.team)
             if not (0 <= y < self.rows and 0 <= x < self.cols) or self.no_fly[y, x] or held:
                 self.blocked += 1
             else:
                 self.p = (y, x)
-        self.b -= 1  # eq. (2)
+        self.b -= 1
         self.t += 1
         self.landed = lands
         self.done = lands or self.b == 0
@@ -190,7 +190,7 @@ class Oracle:
         return mask
 
     def centred(self):
-        """Return the centred map, padded with [0, 1, 1, 0]: eqs. (5) to (8). Teams have two more layers, padded with 0."""
+        """Return the centred map, padded with [0, 1, 1, 0]: eqs. (5) to (7). Teams have two more layers, padded with 0."""
         layers = [self.landing, self.no_fly, self.building, self.target_map()]
         if self.scenario.uavs is not None:
             there, budgets = np.zeros((2, self.rows, self.cols))
@@ -207,7 +207,7 @@ class Oracle:
         return C
 
     def observation(self, local_size, scale):
-        """Return the observation, with local crop and global means: eqs. (9) to (15)."""
+        """Return the observation, with local crop and global means: eqs. (8) to (15)."""
         C = self.centred()
         top, left = self.rows - 1 - local_size // 2, self.cols - 1 - local_size // 2
         high, wide = C.shape[1] // scale, C.shape[2] // scale

@@ -187,7 +187,7 @@ def test_weights_of_a_learner_of_ones_own_fly_with_its_code(tmp_path):
     model.write_bytes(b"")
     with pytest.raises(AgentLoadError, match="leave --weights out"):
         find_agent(str(model), kept)
-    with pytest.raises(TrainError, match="--from begins from weights"):
+    with pytest.raises(TrainError, match="--from starts from weights"):
         train(Training(found, CPP, "tiny", TINY, 0), tmp_path / "again")
 
 

@@ -112,7 +112,10 @@ def mean_cral(text):
     ("changes", "message"),
     [
         ({"summary_json": lambda text: text.replace('"test"', '"exam"')}, "exam"),
-        ({"summary_json": lambda text: text.replace('"scenario_digest": "', '"scenario_digest": "f')}, "another Block8-DH-v0"),
+        (
+            {"summary_json": lambda text: text.replace('"scenario_digest": "', '"scenario_digest": "f')},
+            "another version of Block8-DH-v0",
+        ),
         ({"episodes_csv": lambda text: "\n".join(text.splitlines()[:20])}, "does not hold the 60 episodes"),
         ({"episodes_csv": lambda text: text[:2000] + "x" + text[2000:]}, "damaged"),
         ({"episodes_csv": first_cr("nan")}, "episode 0: cr is nan, which is not in [0, 1]"),

@@ -144,16 +144,8 @@ def run(
     finished = _finished(folder)
     if finished and resume and not records and all(finished.summary.get(name) == value for name, value in sought.items()):
         return finished
-    if finished and not overwrite and (finished.summary["split"] != job.split or finished.summary["episodes"] > episodes):
-        raise ResultError(
-            f"{folder} holds a result of {finished.summary['episodes']} {finished.summary['split']} episodes: "
-            "give another --out, or --overwrite"
-        )
-    if finished and not overwrite and _is_of_another(finished.summary, sought):
-        raise ResultError(
-            f"{folder} holds a result of another agent that is called {job.source.name} ({_agent_file(finished.summary)}): "
-            "give this one another name with --name NAME, give another --out, or --overwrite"
-        )
+    if finished and not overwrite:
+        _check_replaceable(finished, job, episodes, sought)
     on_start()
     for record in records.values():
         on_record(record)
@@ -190,6 +182,20 @@ def run(
         raise
     partial.remove()
     return result
+
+
+def _check_replaceable(finished: Result, job: Job, episodes: int, sought: dict[str, Any]) -> None:
+    """Raise a ResultError if a finished result would be replaced by one of something else or of fewer episodes."""
+    if finished.summary["split"] != job.split or finished.summary["episodes"] > episodes:
+        raise ResultError(
+            f"{finished.folder} holds a result of {finished.summary['episodes']} {finished.summary['split']} episodes: "
+            "give another --out, or --overwrite"
+        )
+    if _is_of_another(finished.summary, sought):
+        raise ResultError(
+            f"{finished.folder} holds a result of another agent that is called {job.source.name} ({_agent_file(finished.summary)}): "
+            "give this one another name with --name NAME, give another --out, or --overwrite"
+        )
 
 
 class _ChangedError(ResultError):

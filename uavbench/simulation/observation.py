@@ -194,7 +194,7 @@ def _write_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> None:
 
 @kernel
 def _crop(layer: NDArray[np.float32], top: int, left: int, out: NDArray[np.float32]) -> None:
-    """Write the crop of a map that begins at the map's cell (top, left) (paper eq. 11)."""
+    """Write the crop of a map that begins at the map's cell (top, left) (paper eq. 10)."""
     (rows, cols), size = layer.shape, out.shape[0]
     first, last = max(0, -left), min(size, cols - left)
     for y in range(max(0, -top), min(size, rows - top)):
@@ -213,7 +213,7 @@ def _crop_spots(target: NDArray[np.float32], spots: NDArray[np.int32], top: int,
 
 @kernel
 def _average_static(means: NDArray[np.float32], r: int, c: int, out: NDArray[np.float32]) -> None:
-    """Write the static layers of a global map (paper eq. 10): a part of the table ``means`` for the phase of (r, c)."""
+    """Write the static layers of a global map (paper eq. 13): a part of the table ``means`` for the phase of (r, c)."""
     (high, wide), scale = out.shape[1:], means.shape[0]
     phase, down, right = means[r % scale, c % scale], r // scale, c // scale
     for k in range(means.shape[2]):
@@ -250,7 +250,7 @@ def _average_spots(
 
 @kernel
 def _average(layer: NDArray[np.float32], top: int, left: int, scale: int, out: NDArray[np.float32]) -> None:
-    """Write the g×g means of any map, which begins at the cell (top, left) of the centred map (paper eq. 10)."""
+    """Write the g×g means of any map, which begins at the cell (top, left) of the centred map (paper eq. 13)."""
     (rows, cols), (high, wide) = layer.shape, out.shape
     area = np.float32(scale * scale)
     for y in range(top // scale, min(high, (top + rows - 1) // scale + 1)):

@@ -1,6 +1,6 @@
 """What the state keeps besides the target map, so that the observation need not read every cell of the map.
 
-The observation's global map holds the means of g×g blocks (paper eq. 10). Where the blocks begin depends on the UAV's cell;
+The observation's global map holds the means of g×g blocks (paper eq. 13). Where the blocks begin depends on the UAV's cell;
 there are g×g possibilities, called phases. There are three ways to get the sum of a block, and a mission's parameters name one
 of them (``pooling``):
 
