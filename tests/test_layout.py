@@ -98,12 +98,12 @@ def test_old_names_warn_and_lead_to_the_same_things() -> None:
 
 def functions() -> list[tuple[str, ast.FunctionDef]]:
     """Return the functions of the package and the baselines that are no kernels, with what they are called."""
-    found: list[tuple[str, ast.FunctionDef]] = []
-    for path in sorted([*PACKAGE.rglob("*.py"), *baselines_folder().glob("*.py")]):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.FunctionDef) and not any("kernel" in ast.unparse(each) for each in node.decorator_list):
-                found.append((f"{path.relative_to(path.parents[1])}:{node.name}", node))
-    return found
+    return [
+        (f"{path.relative_to(path.parents[1])}:{node.name}", node)
+        for path in sorted([*PACKAGE.rglob("*.py"), *baselines_folder().glob("*.py")])
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and not any("kernel" in ast.unparse(each) for each in node.decorator_list)
+    ]
 
 
 def lines_of_code(node: ast.FunctionDef) -> int:

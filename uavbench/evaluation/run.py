@@ -193,7 +193,8 @@ def _check_replaceable(finished: Result, job: Job, episodes: int, sought: dict[s
         )
     if _is_of_another(finished.summary, sought):
         raise ResultError(
-            f"{finished.folder} holds a result of another agent that is called {job.source.name} ({_agent_file(finished.summary)}): "
+            f"{finished.folder} holds a result of another agent that is called {job.source.name} "
+            f"({_agent_file(finished.summary)}): "
             "give this one another name with --name NAME, give another --out, or --overwrite"
         )
 
