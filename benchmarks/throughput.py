@@ -83,8 +83,12 @@ class Teams:
         import numpy as np
 
         import uavbench
-        from uavbench.simulation.observation import Observer
-        from uavbench.simulation.simulator import Simulator
+        try:
+            from uavbench.simulation.observation import Observer
+            from uavbench.simulation.simulator import Simulator
+        except ModuleNotFoundError:  # a checkout of before there were rooms
+            from uavbench.observation import Observer  # pyright: ignore[reportMissingImports]
+            from uavbench.simulator import Simulator  # pyright: ignore[reportMissingImports]
 
         self.np = np
         scenario = uavbench.load_scenario(name).with_uavs(uavs)
