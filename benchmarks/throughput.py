@@ -83,6 +83,7 @@ class Teams:
         import numpy as np
 
         import uavbench
+
         try:
             from uavbench.simulation.observation import Observer
             from uavbench.simulation.simulator import Simulator

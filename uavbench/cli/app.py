@@ -347,6 +347,9 @@ app.command(
     "  uavbench evaluate --agent model.onnx"
 )(learning.export)
 app.command(
+    epilog="\b\nExample:\n  uavbench dataset Manhattan32-CPP-v0 --agent planner --episodes 200 --workers 2",
+)(learning.dataset)
+app.command(
     epilog="\b\nExample:\n  uavbench submit results/*/my_agent --name 'My agent' --authors 'A. Author' --authors 'B. Author'"
 )(leaderboard.submit)
 app.add_typer(leaderboard.app, name="leaderboard")

@@ -54,6 +54,42 @@ def train(
         raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
 
 
+def dataset(
+    scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file; for one UAV.")],
+    agent: Annotated[str, typer.Option(help="The agent that flies: a built-in's name, or a file as for evaluate.")] = "planner",
+    episodes: Annotated[int, typer.Option(min=1, help="How many episodes of the train split, from 0 on.")] = 100,
+    out: Annotated[
+        Path | None, typer.Option(help="Minari's folder of datasets; by default MINARI_DATASETS_PATH or ~/.minari/datasets.")
+    ] = None,
+    name: Annotated[str | None, typer.Option(help="The dataset's id; by default uavbench/<scenario>/<agent>-v0.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="The number of processes.")] = 1,
+) -> None:
+    """Write an agent's flights on the train split as a dataset of Minari, for learning without flying.
+
+    Needs the extra dataset: pip install 'uavbench[dataset]'.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.agents.agent import find_agent
+    from uavbench.cli.progress import episodes_progress
+    from uavbench.evaluation.evaluate import Job
+    from uavbench.integrations.minari import write_dataset
+
+    try:
+        job = Job(find_agent(agent), load_scenario(scenario), "train", None)
+        with episodes_progress(Console(), f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
+            progress.show(episodes)
+            place = write_dataset(
+                job, episodes, out, name=name, workers=workers, on_record=lambda record: progress.advance(record.cral)
+            )
+    except UavbenchError as error:
+        raise fail(error) from None
+    except OSError as error:
+        raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
+    typer.echo(f"wrote {place}")
+
+
 def export(
     agent: Annotated[str, typer.Argument(help="A built-in agent with weights, or a .safetensors file.")],
     path: Annotated[Path, typer.Argument(help="The file to write, for example model.onnx.")],
