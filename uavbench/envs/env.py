@@ -23,6 +23,7 @@ from uavbench.envs.core import (
     observation_space,
 )
 from uavbench.envs.episodes import Episodes
+from uavbench.envs.forms import Form
 from uavbench.envs.pictures import Pictures
 from uavbench.simulation.observation import Observation, Observer
 from uavbench.simulation.options import check_start
@@ -87,6 +88,10 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         budget that suffices to land, drawn from the episode's key (for training; such episodes have the number −1).
     safe_action_mask : bool
         Whether infos have ``safe_action_mask``, int8 (6,), too: 1 for actions after which landing is still possible.
+    compact : bool
+        Whether observations take a quarter of the memory, for replay buffers: see `uavbench.envs.forms.Form`.
+    normalize : bool
+        Whether ``budget`` is divided by the scenario's largest, so that it is from 0 to 1.
     order : {"random", "cycle"}
         Whether ``reset`` draws an episode, or takes the split's episodes one after the other, from number 0 on. A cycle
         begins again after its last episode, and at a reset with a seed.
@@ -109,6 +114,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         split: str = "train",
         start: str = "landing",
         safe_action_mask: bool = False,
+        compact: bool = False,
+        normalize: bool = False,
         order: str = "random",
         success_cr: float = SUCCESS_CR,
         render_mode: str | None = None,
@@ -122,7 +129,8 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         self.simulator = Simulator(self.scenario, 1)
         self._observer = Observer(self.scenario)
         self._action = np.zeros((1, 1), dtype=np.int64)
-        self.observation_space: Any = observation_space(self.scenario, self._observer)
+        self._form = Form(self.scenario, compact, normalize)
+        self.observation_space: Any = self._form.space(observation_space(self.scenario, self._observer))
         self.action_space: Any = action_space()
         self._begun = False
         self._pictures = Pictures(self.simulator, self.render_mode)
@@ -227,4 +235,5 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
     def _observe(self) -> Observation:
         batch = self._observer.empty(1)
         self._observer.write(self.simulator.state, _SLOT, batch)
-        return {name: values[0] for name, values in batch.items()}
+        formed = batch if self._form.plain else self._form.apply(batch)
+        return {name: values[0] for name, values in formed.items()}

@@ -25,6 +25,7 @@ from uavbench.envs.core import (
     observation_space,
 )
 from uavbench.envs.episodes import Episodes
+from uavbench.envs.forms import Form
 from uavbench.envs.pictures import Pictures
 from uavbench.simulation.observation import Observation, Observer
 from uavbench.simulation.options import check_start
@@ -50,7 +51,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
     Parameters
     ----------
-    scenario, local_size, global_scale, rewards, budget, split, start, safe_action_mask, success_cr, render_mode
+    scenario, split, start, safe_action_mask, compact, normalize, success_cr, render_mode, **changes
         As for `uavbench.envs.env.UAVEnv`.
     num_envs : int
         N.
@@ -74,6 +75,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         split: str = "train",
         start: str = "landing",
         safe_action_mask: bool = False,
+        compact: bool = False,
+        normalize: bool = False,
         order: str = "random",
         success_cr: float = SUCCESS_CR,
         max_episode_steps: int | None = None,
@@ -99,7 +102,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._limit = _check_limit(max_episode_steps)
         self.simulator = Simulator(self.scenario, num_envs, _check_threads(threads))
         self._observer = Observer(self.scenario)
-        self.single_observation_space = observation_space(self.scenario, self._observer)
+        self._form = Form(self.scenario, compact, normalize)
+        self.single_observation_space = self._form.space(observation_space(self.scenario, self._observer))
         self.single_action_space = action_space()
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -317,7 +321,13 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         """Return fresh arrays with the observations of the slots ``index`` in their places."""
         batch = self._observer.empty(self.num_envs)
         self._observer.write(self.simulator.state, index, batch, self.simulator.threads)
-        return batch
+        if self._form.plain:
+            return batch
+        formed = self._form.apply({name: values[index] for name, values in batch.items()})
+        whole = {name: np.zeros((self.num_envs, *values.shape[1:]), values.dtype) for name, values in formed.items()}
+        for name, values in formed.items():
+            whole[name][index] = values
+        return whole
 
     def _final(self, over: NDArray[np.int64]) -> dict[str, Any]:
         """Return what ``SAME_STEP`` keeps of the episodes that ended: their last observations and information."""
