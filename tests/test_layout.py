@@ -115,6 +115,7 @@ def lines_of_code(node: ast.FunctionDef) -> int:
 #: What has more arguments than eight, and why.
 LONG_SIGNATURES = {
     "cli/app.py:evaluate": "the options of the command",
+    "envs/env.py:__init__": "keyword arguments, which Gymnasium takes flat",
     "envs/vector_env.py:__init__": "keyword arguments, which Gymnasium takes flat",
     "envs/parallel_env.py:__init__": "keyword arguments, which PettingZoo takes flat",
     "planning/harvesting.py:search": "a whole problem; those of a kind are one argument when the planner is next changed",

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from uavbench.agents.protocols import Agent, Learner
     from uavbench.envs.env import UAVEnv
     from uavbench.envs.parallel_env import UAVParallelEnv
+    from uavbench.envs.team_vector_env import UAVTeamVectorEnv
     from uavbench.envs.vector_env import UAVVectorEnv
     from uavbench.evaluation.front import compare, evaluate
     from uavbench.evaluation.replay import replay
@@ -58,6 +59,7 @@ __all__ = [
     "make",
     "make_vec",
     "parallel_env",
+    "parallel_vec",
     "plot",
     "replay",
 ]
@@ -192,6 +194,36 @@ def parallel_env(scenario: str | Path | Scenario, **kwargs: Any) -> "UAVParallel
     from uavbench.envs.parallel_env import UAVParallelEnv
 
     return UAVParallelEnv(scenario, **kwargs)
+
+
+def parallel_vec(scenario: str | Path | Scenario, num_envs: int = 1, **kwargs: Any) -> "UAVTeamVectorEnv":
+    """Return many teams side by side in one simulator: see `uavbench.envs.team_vector_env.UAVTeamVectorEnv`.
+
+    Parameters
+    ----------
+    scenario : str, Path or Scenario
+        An id, the path of a TOML file, or a loaded scenario.
+    num_envs : int
+        How many teams.
+    **kwargs
+        As for `uavbench.envs.team_vector_env.UAVTeamVectorEnv`.
+
+    Raises
+    ------
+    ScenarioError, ValueError
+        When there is no such scenario, or an argument does not fit.
+
+    Examples
+    --------
+    >>> import uavbench
+    >>> envs = uavbench.parallel_vec("Manhattan32-DH-Team-v0", num_envs=16)
+    >>> observations, infos = envs.reset(seed=0)
+    >>> observations["budget"].shape, infos["action_mask"].shape
+    ((16, 3, 1), (16, 3, 6))
+    """
+    from uavbench.envs.team_vector_env import UAVTeamVectorEnv
+
+    return UAVTeamVectorEnv(scenario, num_envs, **kwargs)
 
 
 def aec_env(scenario: str | Path | Scenario, **kwargs: Any) -> "AECEnv[str, Any, Any]":
