@@ -30,7 +30,7 @@ from uavbench.world.values import as_integer, shown
 class UAVTeamVectorEnv:
     """N teams in one simulator; bit for bit what N of `uavbench.envs.parallel_env.UAVParallelEnv` with ``keep_finished`` make.
 
-    Neither Gymnasium nor PettingZoo has an interface for it, so this is a plain class of its own. U is the largest number of UAVs
+    Neither Gymnasium nor PettingZoo has an interface for it, so this is a plain class. U is the largest number of UAVs
     of a team in the scenario. Where an episode ends, the next one begins in the same step.
 
     Parameters
