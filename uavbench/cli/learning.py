@@ -79,9 +79,14 @@ def dataset(
     try:
         job = Job(find_agent(agent), load_scenario(scenario), "train", None)
         with episodes_progress(Console(), f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
-            progress.show(episodes)
             place = write_dataset(
-                job, episodes, out, name=name, workers=workers, on_record=lambda record: progress.advance(record.cral)
+                job,
+                episodes,
+                out,
+                name=name,
+                workers=workers,
+                on_start=lambda: progress.show(episodes),
+                on_record=lambda record: progress.advance(record.cral),
             )
     except UavbenchError as error:
         raise fail(error) from None

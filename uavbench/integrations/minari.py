@@ -40,6 +40,7 @@ def write_dataset(
     *,
     name: str | None = None,
     workers: int = 1,
+    on_start: Callable[[], None] = lambda: None,
     on_record: Callable[[EpisodeRecord], None] = lambda record: None,
 ) -> Path:
     """Let an agent fly episodes of the train split, and write them as a dataset of Minari.
@@ -56,6 +57,8 @@ def write_dataset(
         The dataset's id; by default ``uavbench/<scenario>/<agent>-v0``.
     workers : int
         Processes that fly.
+    on_start : callable
+        Called once, when all is checked and the first episode is about to be flown.
     on_record : callable
         Called with every record.
 
@@ -87,6 +90,7 @@ def write_dataset(
     if place.exists():
         raise DatasetError(f"{place} exists already: choose another --name or --out, or remove it")
     check_writable(root)
+    on_start()
     with tempfile.TemporaryDirectory(prefix=".uavbench-new-", dir=root) as staging, _datasets_in(Path(staging)):
         buffers = _buffers(minari, job, episodes, workers, on_record)
         made = None
