@@ -1,14 +1,14 @@
-"""Boustrophedon: split the targets into zones, sweep each in lanes, order them as a tour. Coverage only.
+"""Boustrophedon: split the targets into zones, sweep each zone in lanes, and order the zones as a tour. Coverage only.
 
-The textbook pipeline of coverage path planning. A line that sweeps over the map splits what is to be flown over into zones,
-wherever it is divided or joined by obstacles or by where targets end (Choset, Coverage of known spaces: the
-boustrophedon cellular decomposition, Autonomous Robots 9, 2000). Each zone is swept to and fro in lanes as far apart as the
-camera sees, beginning at any of its four corners. The order of the zones and their corners are a generalised travelling
-salesman problem (Xie, Carrillo and Jin, An integrated traveling salesman and coverage path planning problem, IEEE Control
-Systems Letters 3(1), 2019), solved by local search over flown distances. Of a tour that is too long for the budget those
-lanes are dropped that see least for the moves they cost.
+The textbook method of coverage path planning. A line sweeps over the map. Where obstacles or the ends of the targets split or
+join the parts of this line that are to be flown over, new zones begin (Choset, Coverage of known spaces: the boustrophedon
+cellular decomposition, Autonomous Robots 9, 2000). Each zone is swept back and forth, beginning at any of its four corners; the
+distance between lanes is the width of the camera's view. Choosing the order of the zones and their corners is a generalised
+travelling salesman problem (Xie, Carrillo and Jin, An integrated traveling salesman and coverage path planning problem, IEEE
+Control Systems Letters 3(1), 2019); it is solved by local search, with the lengths of shortest paths between zones. If a tour
+is too long for the budget, the lanes that see the fewest targets per move are dropped.
 
-A plan is made for lanes along rows and along columns and for every offset of the lanes; the one that covers most is flown.
+A plan is made for lanes along rows and along columns, and for every offset of the lanes; the plan that covers most is flown.
 """
 
 from functools import lru_cache
@@ -22,10 +22,11 @@ from uavbench.world.kernel import kernel
 
 
 class Agent:
-    """Plans at the first decision of an episode, and follows the plan: nothing in coverage is left to chance.
+    """Plans at the first decision of an episode, and then follows the plan, because nothing random happens in CPP.
 
-    In here, (r, c) is cell r · N + c on a map of N columns, a set of cells is an integer with a bit for
-    each, a lane is the list of its cells in the order in which they are flown over, and a way or a tour is a list of lanes.
+    In this class, cell (r, c) of a map with N columns is the number r · N + c, and a set of cells is an integer with one bit
+    for each cell. A lane is the list of its cells in the order in which they are flown over. A way through one zone, and a tour
+    through all zones, are lists of lanes.
     """
 
     track = "state"
@@ -66,15 +67,16 @@ class Agent:
                 zones = _decompose(self._lines(start, seen, along_columns, offset))
                 tour = self._shorten(start, self._tour(start, zones), state.budget, seen)
                 paths.append(self._path(start, tour, seen))
-        covered = [_union(seen[cell] for cell in path[1:]).bit_count() for path in paths]  # nothing is at the start
+        covered = [_union(seen[cell] for cell in path[1:]).bit_count() for path in paths]  # a reset covers nothing
         best = paths[max(range(len(paths)), key=lambda k: (covered[k], -len(paths[k])))]
         actions = {offset: action for action, offset in self._offsets.items()}
         return [actions[after - before] for before, after in pairwise(best)] + [LAND]
 
     def _lines(self, start, seen, along_columns, offset):
-        """Return the lanes on each of the parallel lines, as triples: where on the line they begin and end, and the lane.
+        """Return, for each of the parallel lines, its lanes as triples: begin and end on the line, and the lane's cells.
 
-        A lane is as much as one can fly over in one go with targets in view, less what shows no more at its ends.
+        A lane is a series of adjacent cells that the UAV can reach, and from each of which it sees targets. ``begin`` and
+        ``end`` are those of the whole series; the lane leaves out cells at its ends that show no further targets.
         """
         reach = self._size // 2
         reachable = self._moves(start) >= 0
@@ -85,7 +87,7 @@ class Agent:
             if middle + reach < 0:
                 continue
             lanes, lane = [], []
-            line = grid[min(max(middle, 0), len(grid) - 1)].tolist()  # the outermost may be beyond the map's edge
+            line = grid[min(max(middle, 0), len(grid) - 1)].tolist()  # the outermost may lie beyond the edge
             for end, cell in enumerate([*line, None]):
                 if cell is not None and reachable[cell] and seen[cell]:
                     lane.append(cell)
@@ -96,7 +98,7 @@ class Agent:
         return lines
 
     def _ways(self, zone):
-        """Return the four ways to sweep a zone: from its first lane or its last, from either end."""
+        """Return the four ways to sweep a zone: beginning with its first or its last lane, at either end of that lane."""
         ways = []
         for lanes in (zone, zone[::-1]):
             for first in (lanes[0], lanes[0][::-1]):
@@ -108,11 +110,11 @@ class Agent:
         return ways
 
     def _length(self, way):
-        """Return the moves from the beginning of a way to its end."""
+        """Return the number of moves from the beginning of a way to its end."""
         return sum(len(lane) - 1 for lane in way) + sum(self._moves(a[-1])[b[0]] for a, b in pairwise(way))
 
     def _tour(self, start, zones):
-        """Return the tour over all zones."""
+        """Return a short tour through all zones."""
         if not zones:
             return []
         ways = [self._ways(zone) for zone in zones]
@@ -124,7 +126,10 @@ class Agent:
         return [lane for k, way in zip(order.tolist(), chosen.tolist(), strict=True) for lane in ways[k][way]]
 
     def _shorten(self, start, tour, budget, seen):
-        """Drop lanes until the tour fits the budget: each time the one that alone sees least per move that it costs."""
+        """Drop lanes until the tour fits the budget: each time the one with the fewest targets of its own per move.
+
+        A lane's own targets are those that no other lane sees.
+        """
         views = [_union(seen[cell] for cell in lane) for lane in tour]
         while tour and self._length([[start], *tour]) + self._home[tour[-1][-1]] + 1 > budget:  # + 1 to land
             once = twice = 0
@@ -141,7 +146,7 @@ class Agent:
         return tour
 
     def _onward(self, cell, lane):
-        """Return the moves from a cell to the beginning of the next lane; home where there is none."""
+        """Return the moves from a cell to the beginning of ``lane``, or to a landing zone if ``lane`` is None."""
         return self._home[cell] if lane is None else self._moves(cell)[lane[0]]
 
     def _path(self, start, tour, seen):
@@ -154,7 +159,7 @@ class Agent:
         return path
 
     def _fly(self, path, moves, seen):
-        """Extend a path to where ``moves`` is 0, of the shortest ways by the neighbours that see most."""
+        """Extend a path to a cell where ``moves`` is 0, as short as possible, each time by the neighbour that sees most."""
         allowed = self._city.action_mask.reshape(-1, LAND + 1)
         while moves[path[-1]] > 0:
             here = path[-1]
@@ -163,7 +168,10 @@ class Agent:
 
 
 def _decompose(lines):
-    """Return the zones, each a list of lanes: a zone goes on as long as one lane of a line faces one of the next."""
+    """Return the zones, each a list of lanes.
+
+    A zone continues with a lane of the next line if this lane is beside the zone's last lane and both are beside no other.
+    """
     zones, previous = [], []
     for lanes in lines:
         current = []
@@ -180,7 +188,7 @@ def _decompose(lines):
 
 
 def _trimmed(lane, seen):
-    """Return the shortest part of a lane from which as much is seen, taking first from its beginning."""
+    """Return the lane without the cells at its beginning, and then at its end, that show no further targets."""
     everything = _union(seen[cell] for cell in lane)
     while len(lane) > 1 and _union(seen[cell] for cell in lane[1:]) == everything:
         lane = lane[1:]
@@ -198,12 +206,12 @@ def _union(sets):
 
 
 def _view_sets(views, size):
-    """Return what the camera sees from each cell as a set of cells; ``views`` as of `camera_views`."""
+    """Return, for each cell, the set of cells that the camera sees from it; ``views`` are those of `camera_views`."""
     columns, reach = views.shape[1], size // 2
     sets = []
     for cell, view in enumerate(views.reshape(-1).tolist()):
         r, c = divmod(cell, columns)
-        shifted = 0  # by as much as the square of the first cell reaches beyond the map
+        shifted = 0  # the set, shifted so that squares that begin before cell 0 fit
         for i in range(size):
             shifted |= (view >> i * size & (1 << size) - 1) << (r + i) * columns + c
         sets.append(shifted >> reach * columns + reach)
@@ -212,21 +220,21 @@ def _view_sets(views, size):
 
 @kernel
 def _best_order(first, between, last):
-    """Solve the generalised travelling salesman problem by local search: moves of a zone, and 2-opt.
+    """Solve the generalised travelling salesman problem by local search: move one zone, or reverse a part (2-opt).
 
     Parameters
     ----------
-    first : ndarray of int32, shape (K, W)
-        Moves to get to zone k and sweep it in way w.
-    between : ndarray of int32, shape (K, W, K, W)
-        Moves to get from the end of a way of one zone to another and to sweep that in one of its ways.
-    last : ndarray of int32, shape (K, W)
-        Moves from the end of a way of a zone to home.
+    first : ndarray of int, shape (K, W)
+        Number of moves to fly from the start to zone k and sweep it in way w.
+    between : ndarray of int, shape (K, W, K, W)
+        Number of moves to fly from the end of a way of one zone to another zone and sweep that in one of its ways.
+    last : ndarray of int, shape (K, W)
+        Number of moves from the end of a way of a zone to the nearest landing cell.
 
     Returns
     -------
     order, ways : ndarray of int64, shape (K,)
-        The zones in their order, and the way to sweep each.
+        The zones in the order of the tour, and the way to sweep each of them, in the same order.
     """
     order = np.arange(len(first))
     shortest = _best_ways(order, first, between, last)[0]
@@ -244,14 +252,14 @@ def _best_order(first, between, last):
 
 @kernel
 def _moved(order, i, j):
-    """Return the order with its zone i moved to place j."""
+    """Return the order with the zone at position i moved to position j."""
     rest = np.append(order[:i], order[i + 1 :])
     return np.concatenate((rest[:j], order[i : i + 1], rest[j:]))
 
 
 @kernel
 def _turned(order, i, j):
-    """Return the order with the zones from i to j turned around (2-opt)."""
+    """Return the order with the zones from position i to position j reversed (2-opt)."""
     turned = order.copy()
     turned[i : j + 1] = order[i : j + 1][::-1]
     return turned
@@ -259,7 +267,7 @@ def _turned(order, i, j):
 
 @kernel
 def _best_ways(order, first, between, last):
-    """Return the fewest moves that zones take in this order, and the way to sweep each, by dynamic programming."""
+    """Return the fewest moves for a tour in this order, and the way to sweep each zone, by dynamic programming."""
     number, ways = len(order), first.shape[1]
     moves = np.empty((number, ways), dtype=np.int64)
     before = np.zeros((number, ways), dtype=np.int64)

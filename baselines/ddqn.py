@@ -2,8 +2,8 @@
 
 Theile, Bayerlein, Nai, Gesbert, Caccamo, ICAR 2021: the network (fig. 1, table I), double Q-learning (eqs. 17, 18; van
 Hasselt, Guez, Silver, AAAI 2016), softmax exploration, combined experience replay (Zhang, Sutton 2017). The configuration
-``paper`` is theirs. ``fast`` learns the same network, by the same double Q-values, on many environments at once, from segments
-of several steps with λ-returns over their bootstraps (Peng, Williams, ICML 1994), and begins a share of its episodes anywhere.
+``paper`` is theirs. ``fast`` trains the same network by the same double Q-learning, but in many environments at once, and on
+segments of several steps with λ-returns (Peng, Williams, ICML 1994); a share of its episodes starts in any cell.
 
 Needs PyTorch: ``pip install 'uavbench[ddqn]'``.
 """
@@ -124,7 +124,7 @@ _FAST = Config(
     safe_exploration=0.9,
     last_safe_exploration=0.5,
 )
-# After `fast`, from its weights, to land surely: crashes cost more, and a squared loss counts rare ones in full.
+# Continues from weights of `fast`, to land more reliably: crashes cost more, and a squared loss counts rare ones in full.
 _FINISH = replace(_FAST, updates=6_000, validation=2_000, learning_rate=1e-4, lr_hold=0.2, crash_scale=20.0, huber=0.0)
 _FINISH = replace(_FINISH, random_start_fraction=0.1, safe_exploration=0.0, last_safe_exploration=0.0)
 CONFIGS = {"paper": Config(updates=2_000_000, validation=20_000), "fast": _FAST, "finish": _FINISH}
@@ -136,11 +136,11 @@ class Network(nn.Module):
     Parameters
     ----------
     observer : Observer
-        Whose observations it takes: their shapes.
+        The observer whose observations are the input; it determines their shapes.
     kernels, kernel_size, hidden : int
         The paper's n_k = 16 and s_k = 5, and the width of its three dense layers.
     budget_scale : float
-        What the budget is multiplied with.
+        The factor by which the budget is multiplied.
     """
 
     def __init__(self, observer, kernels=16, kernel_size=5, hidden=256, budget_scale=1.0):
@@ -149,10 +149,10 @@ class Network(nn.Module):
         self.maps = [name for name, shape in shapes.items() if shape[1]]
         self.register_buffer("budget_scale", torch.tensor([float(budget_scale)]))
         self.branches = nn.ModuleDict()
-        self.inputs = 1  # of the first dense layer, the paper's N (Table IV): the budget is one
+        self.inputs = 1  # of the first dense layer, the paper's N (Table IV); this one is the budget
         for name in self.maps:
             layers, height, width = shapes[name]
-            size = min(kernel_size, (height + 1) // 2, (width + 1) // 2)  # two convolutions must fit a tiny map, too
+            size = min(kernel_size, (height + 1) // 2, (width + 1) // 2)  # so that two convolutions fit a tiny map, too
             pair = [(nn.Conv2d(channels, kernels, size), nn.ReLU(inplace=True)) for channels in (layers, kernels)]
             self.branches[f"{name}_map"] = nn.Sequential(*itertools.chain(*pair))
             self.inputs += kernels * (height - 2 * (size - 1)) * (width - 2 * (size - 1))
@@ -164,12 +164,12 @@ class Network(nn.Module):
     def forward(self, observation):
         """Return Q-values, shape (B, 6), of a batch of observations."""
         maps = [self.branches[f"{name}_map"](observation[name]) for name in self.maps]
-        flat = [each.permute(0, 2, 3, 1).flatten(1) for each in maps]  # in the order of memory: neither way needs a copy
+        flat = [each.permute(0, 2, 3, 1).flatten(1) for each in maps]  # in memory order, so nothing is copied
         return self.dense(torch.cat([*flat, self.budget_scale * observation["budget"]], dim=1))
 
 
 class Replay:
-    """The last steps of all environments: the state before, action, reward, end. Observations are made anew."""
+    """The last steps of all environments: state before, action, reward, end. Observations are computed again from states."""
 
     def __init__(self, scenario, num_envs, capacity):
         self._scenario, self._observer = scenario, Observer(scenario)
@@ -188,7 +188,7 @@ class Replay:
         self._scratch = {}
 
     def add_states(self, state):
-        """Begin a step: remember where the environments are."""
+        """Begin a step: store the states of the environments."""
         at = self.written % self.length
         self.arrays["target"][at] = state.target
         self.arrays["layers"][at] = state.layers
@@ -196,18 +196,18 @@ class Replay:
         self.arrays["budget"][at] = state.budget[:, 0]
 
     def add_results(self, actions, rewards, done):
-        """End the step."""
+        """End the step: store its results."""
         at = self.written % self.length
         for name, values in {"action": actions, "reward": rewards, "done": done}.items():
             self.arrays[name][at] = values
         self.written += 1
 
     def sample(self, batch, segment, random):
-        """Return segments: observations of their ``segment`` + 1 states, actions, rewards, ends; time first.
+        """Return random segments: observations of their ``segment`` + 1 states, actions, rewards, ends; time first.
 
-        The newest step is in one of them, always (combined experience replay).
+        One of them always ends with the newest step whose next state is stored (combined experience replay).
         """
-        kept = min(self.written, self.length) - 1  # of the newest step it is not known yet where it leads
+        kept = min(self.written, self.length) - 1  # without the last step, whose next state is not stored yet
         back = random.integers(segment, kept + 1, batch)
         back[0] = segment
         environment = random.integers(self.arrays["done"].shape[1], size=batch)
@@ -232,9 +232,9 @@ class Replay:
 
 
 class Learner:
-    """Training: environments, memory and network. `advance` goes on by one update.
+    """A training: environments, replay buffer and network. `advance` makes one update.
 
-    Everything random comes from the seed and the round's number: what is interrupted goes on as if it had not been.
+    All random numbers depend only on the seed and on stored counters, so an interrupted training continues unchanged.
 
     Parameters
     ----------
@@ -260,17 +260,17 @@ class Learner:
         self._begin(self._all)
 
     def start_from(self, path):
-        """Take the network of weights to begin with."""
+        """Begin with the network of a weights file."""
         for network in (self.network, self._target):
             unpack_network(weights_for(path, self.scenario), network, path, self.scenario)
 
     @property
     def samples(self):
-        """How many steps have been learned from, each as often as it was."""
+        """How many steps have been learned from; a step counts each time that it is sampled."""
         return self.updates * self.config.batch * self.config.segment
 
     def advance(self):
-        """Take a step in every environment and learn once; return what to plot."""
+        """Take a step in every environment and make one update; return the values to plot."""
         config, memory = self.config, self._replay
         while memory.written * config.num_envs < config.learning_starts or memory.written <= config.segment:
             self._act(explore=True)
@@ -278,25 +278,25 @@ class Learner:
         return self._learn()
 
     def _begin(self, index):
-        """Start the next episodes of the train split in the slots ``index``, a share of them anywhere."""
+        """Start the next episodes of the train split in the slots ``index``; a share of them starts in any cell."""
         self._simulator.reset(index, "train", train_numbers(self.seed, self._started, len(index)))
         share = self._between(self.config.random_start_fraction, self.config.last_random_start_fraction)
         self._simulator.scatter(index[self._random(1).random(len(index)) < share])
         self._started += len(index)
 
     def _between(self, first, last):
-        """Return a share that changes in proportion to the updates done."""
+        """Return the value for this update of a share that changes evenly from ``first`` to ``last``."""
         return first + (last - first) * self.updates / self.config.updates
 
     def _random(self, purpose):
-        """Return the generator of this round for one purpose."""
+        """Return the random generator of this round for one purpose."""
         return np.random.default_rng((self.seed, self._rounds, purpose))
 
     def _act(self, explore=False):
-        """Take a step in every environment, by softmax over the Q-values or uniformly, and remember it."""
+        """Take and store a step in every environment, by softmax over the Q-values, or uniformly if ``explore``."""
         config, simulator, random = self.config, self._simulator, self._random(0)
         state = simulator.state
-        score = random.gumbel(size=(config.num_envs, NUM_ACTIONS))  # the highest of value + gumbel is a softmax's pick
+        score = random.gumbel(size=(config.num_envs, NUM_ACTIONS))  # argmax of values + gumbel samples their softmax
         if not explore:
             self._observer.write(state, self._all, self._observation)
             with torch.no_grad():
@@ -342,7 +342,7 @@ class Learner:
         return {"loss": loss.item(), "value": values.detach().mean().item()}
 
     def _returns(self, rewards, ends, bootstraps):
-        """Return the targets of all steps, shape (T, B): λ-returns over what the next states are worth; eq. 18 where λ = 0."""
+        """Return the targets of all steps, shape (T, B): λ-returns from the values of the next states; eq. 18 if λ = 0."""
         config, targets = self.config, np.empty_like(rewards)
         onward = bootstraps[-1]
         for t in range(len(rewards) - 1, -1, -1):
@@ -351,7 +351,7 @@ class Learner:
         return targets
 
     def _schedule(self):
-        """Return the share of the learning rate that this update has."""
+        """Return the factor of the learning rate for this update."""
         config = self.config
         warm = min(1.0, (self.updates + 1) / config.lr_warmup) if config.lr_warmup else 1.0
         late = max(0.0, (self.updates / config.updates - config.lr_hold) / max(1 - config.lr_hold, 1e-9))
@@ -359,18 +359,18 @@ class Learner:
         return warm * (last + (1 - last) * (1 + math.cos(math.pi * min(late, 1.0))) / 2)
 
     def weights(self):
-        """Return what the agent needs."""
+        """Return the arrays that the agent needs, by name."""
         return {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
 
     def snapshot(self):
-        """Return all that changes, as arrays by name."""
+        """Return everything that changes, as arrays by name."""
         arrays = pack({"network": self.network, "target": self._target}, self._optimizer)
         arrays |= {f"replay.{name}": array for name, array in self._replay.arrays.items()}
         arrays |= {f"simulator.{name}": array for name, array in self._simulator.snapshot().items()}
         return {**arrays, "counters": np.array([self.updates, self._rounds, self._started, self._replay.written])}
 
     def resume(self, arrays):
-        """Go on from a `snapshot` of a learner of the same scenario, configuration and seed."""
+        """Continue from a `snapshot` of a learner of the same scenario, configuration and seed."""
         unpack(arrays, {"network": self.network, "target": self._target}, self._optimizer)
         for name, array in self._replay.arrays.items():
             array[:] = arrays[f"replay.{name}"]
@@ -386,7 +386,7 @@ class Agent:
     ----------
     scenario : Scenario
     weights : Path, optional
-        Those that ``uavbench train`` wrote; by default the ones that come with the suite.
+        Weights that ``uavbench train`` wrote; by default those that come with uavbench.
     """
 
     def __init__(self, scenario, weights=None):
@@ -395,6 +395,6 @@ class Agent:
         unpack_network(weights_for(path, scenario), self.network, path, scenario)
 
     def act_batch(self, observations, infos):
-        """Return the best actions by the network."""
+        """Return the action with the highest Q-value for each running episode."""
         with torch.no_grad():
             return self.network(tensors(observations)).argmax(dim=1).numpy()

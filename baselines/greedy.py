@@ -1,9 +1,10 @@
-"""Greedy: fly to what pays most for the way, as long as the way home fits the budget; then fly home and land.
+"""Greedy: fly to the goal that pays most per move, as long as the budget suffices to land after it; then land.
 
-CPP: the cell from which the camera newly covers most per move that it takes to get there.
-DH: the device with most data left per action that it takes to get there and hover, hovered over until it is empty.
+CPP: the goal is the cell from which the camera newly covers most targets per move that it takes to get there.
+DH: the goal is the place to hover for the device with most data left per move that it takes to get there.
+A goal in the UAV's own cell costs one hover. Goals are chosen again at every step.
 
-In a team the best pair of UAV and goal is settled first, and what it will cover or empty is no goal for the others.
+In a team, the best pair of UAV and goal is chosen first. The targets or devices of that goal are then no goals for the others.
 """
 
 import numpy as np
@@ -13,7 +14,7 @@ from uavbench.world.city import HOVER, LAND, action_between, neighbour
 
 
 class Agent:
-    """Chooses goals anew at every decision."""
+    """Chooses goals again at every decision."""
 
     track = "state"
 
@@ -23,12 +24,12 @@ class Agent:
         self._take = self._cover if coverage else self._empty
 
     def act_team(self, observations, infos):
-        """Return the first action of each UAV's way to its goal; without one, of its way home."""
+        """Return the first action of each UAV on the way to its goal, or to a landing zone if it has no goal."""
         states = [info["state"] for info in infos]
         goals = self._goals(states)
         held = [state.position for state in states]
         actions = []
-        for k, state in enumerate(states):  # in their order: the UAVs before have moved already
+        for k, state in enumerate(states):  # UAVs act in order: those before this one have already moved
             others = [cell for w, cell in enumerate(held) if w != k]
             action = self._towards(state, goals[k], others) if k in goals else self._homeward(state, others)
             actions.append(action)
@@ -37,12 +38,12 @@ class Agent:
         return actions
 
     def _goals(self, states):
-        """Return each UAV's goal, by its place in the team; none where no goal leaves time for the way home."""
+        """Return the UAVs' goals by index in ``states``; a UAV has none if no goal pays and leaves enough budget to land."""
         city, targets = states[0].city, states[0].target.copy()
         goals, waiting = {}, list(range(len(states)))
-        slack = 2 * (len(states) - 1)  # for being in each other's way
+        slack = 2 * (len(states) - 1)  # kept in reserve, because UAVs may be in each other's way
         away = [city.distances(state.position) for state in states]
-        actions = [np.maximum(distance, 1) for distance in away]  # a goal right here costs a hover
+        actions = [np.maximum(distance, 1) for distance in away]  # a goal in the UAV's cell costs a hover
         fits = [
             (distance >= 0)
             & (city.distance_to_landing >= 0)
@@ -67,14 +68,14 @@ class Agent:
 
     @staticmethod
     def _cover(state, targets, goal):
-        """Take from the targets what the camera sees from ``goal``."""
+        """Remove the targets that the camera sees from ``goal``."""
         view, size = int(camera_views(state.scenario)[goal]), state.scenario.mission.camera_size
         for bit in range(size * size):
             if view >> bit & 1:
                 targets[goal[0] + bit // size - size // 2, goal[1] + bit % size - size // 2] = 0
 
     def _harvesting_gains(self, state, targets):
-        """Return the data left at the device that each cell is the best place for."""
+        """Return, for each cell, the most data left at a device for which it is the place to hover; 0 for other cells."""
         gains = np.zeros(targets.shape)
         for cell in np.argwhere(targets).tolist():
             place = self._place(state.city, *cell)
@@ -82,14 +83,14 @@ class Agent:
         return gains
 
     def _empty(self, state, targets, goal):
-        """Take from the targets the devices that ``goal`` is the best place for."""
+        """Remove the devices for which ``goal`` is the place to hover."""
         for cell in np.argwhere(targets).tolist():
             if self._place(state.city, *cell) == goal:
                 targets[tuple(cell)] = 0
 
     @staticmethod
     def _place(city, r, c):
-        """Return where to hover for the device at (r, c): over it, or as close as one may fly."""
+        """Return where to hover for the device at (r, c): its cell, or the nearest one that the UAV can fly to."""
         if city.distance_to_landing[r, c] >= 0:
             return r, c
         rows, cols = np.indices(city.shape)
@@ -97,7 +98,7 @@ class Agent:
         return divmod(int(np.argmin(distance)), distance.shape[1])
 
     def _homeward(self, state, others):
-        """Return the next action of the way home, around the others."""
+        """Return the next action on a way to a landing zone that avoids the others; there, ``land``."""
         home, cell = state.city.distance_to_landing, state.position
         if home[cell] == 0:
             return LAND
@@ -109,7 +110,7 @@ class Agent:
         return self._towards(state, divmod(int(np.argmin(free)), free.shape[1]), others)
 
     def _towards(self, state, goal, others):
-        """Return the next action of the way to ``goal``, around the others; wait where there is none."""
+        """Return the next action on a shortest path to ``goal`` that avoids the others; hover there, or if none exists."""
         away = state.city.distances(state.position, avoid=others)
         if away[goal] <= 0:
             return HOVER

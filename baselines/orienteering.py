@@ -1,14 +1,14 @@
-"""Orienteering: let a routing solver choose which places to visit, and in which order, within the budget; fly there and land.
+"""Orienteering: a routing solver chooses which places to visit, and in which order, within the budget; fly there and land.
 
-Each stop of a tour has a prize, and the way from stop to stop and home may not be longer than the budget: the orienteering
-problem (Golden, Levy and Vohra, Naval Research Logistics 34, 1987). PyVRP (Wouda, Lan and Kool, INFORMS Journal on
-Computing 36, 2024) solves it as a prize-collecting vehicle routing problem with one vehicle. A stop's prize is a model only:
-much is covered or collected on the way. So each tour found is flown in the mind, cell by cell, and the one that yields most
-is kept.
+Each stop of a tour has a prize, and the moves from stop to stop and to a landing zone must fit the budget. This is the
+orienteering problem (Golden, Levy and Vohra, Naval Research Logistics 34, 1987). PyVRP (Wouda, Lan and Kool, INFORMS Journal on
+Computing 36, 2024) solves it as a prize-collecting vehicle routing problem with one vehicle. The prizes are only a model,
+because much is covered or collected between the stops. So each tour found is simulated cell by cell, and the best is kept.
 
-CPP: stops are cells that together see all targets, by greedy set cover; the prize is what a stop adds to those before it.
-DH: stops are cells at or near a device, one per device at most, each with the time to hover until it is empty; the prize is its
-data. Fading is left out of the expected rates.
+CPP: the stops are cells that together see all targets, chosen by greedy set cover; the prize of a stop is the number of targets
+that it adds to those of the stops before it.
+DH: the stops are cells at or near a device, each with the actions of hovering until the device is empty; the prize is the
+device's data. A tour makes at most one stop per device. The expected rates leave out fading.
 
 Needs PyVRP: ``pip install 'uavbench[planning]'``. For one UAV.
 """
@@ -27,24 +27,25 @@ from uavbench.simulation.missions.harvesting import channel_of, log_snr_of
 from uavbench.world.city import HOVER, LAND, action_between, city_of
 from uavbench.world.kernel import kernel
 
-_PRIZE = 100  # of a target or data unit, in moves: way is saved only where it costs nothing
-_ACTION = 1e-3  # what an action costs in targets or data units: of equal tours the shorter one is better
-_PENALTY = 1000.0  # at most, for a move too many: of the order of a stop's prize, that the search may pass through long tours
+_PRIZE = 100  # of a target or data unit, in moves: so large that the solver does not give up prizes to save moves
+_ACTION = 1e-3  # cost of an action in targets or data units: of two tours that yield the same, the shorter one is better
+# The most that PyVRP charges for a move beyond the budget: about a stop's prize, so that its search may try too long tours.
+_PENALTY = 1000.0
 
 
 class Stop(NamedTuple):
-    """A place to visit. Stops for the same thing exclude one another.
+    """A place to visit. Of the stops for the same thing, a tour makes at most one.
 
     Attributes
     ----------
     cell : int
-        Where, as the index of a cell in row-major order.
+        The stop's cell, as an index in row-major order.
     thing : int
-        What for: in DH the device, in CPP the cell itself.
+        What the stop is for: in DH the device, in CPP the cell itself.
     prize : float
-        Targets or data units expected.
+        The expected number of targets or data units.
     service : int
-        Actions to hover there.
+        Actions of hovering there.
     """
 
     cell: int
@@ -55,16 +56,16 @@ class Stop(NamedTuple):
 
 @dataclass
 class Flight:
-    """A tour flown in the mind.
+    """A simulated flight along a tour.
 
     Attributes
     ----------
     path : list of int
-        The cell after each action until landing; the same twice in a row is a hover.
+        The cell after each action before ``land``; the same cell twice in a row is a hover.
     tour : list of Stop
-        The stops that it makes.
+        The stops that the flight makes.
     value : float
-        Targets or data units that it yields, less a little for each action.
+        Targets or data units that the flight yields, minus a small cost of each action.
     """
 
     path: list[int]
@@ -73,17 +74,17 @@ class Flight:
 
 
 class Agent:
-    """Plans a tour first, and again every few steps; a better one replaces what is left of the last.
+    """Plans a tour at the first step, and again every few steps; a better tour replaces the rest of the current one.
 
     Attributes
     ----------
     iterations : int
-        PyVRP's iterations in each round: the knob between quality and time. It is no time limit, so that actions are the
-        same on any machine.
+        PyVRP's iterations in each round: more of them take longer and find better tours. There is no limit in seconds, so
+        that the actions are the same on any machine.
     rounds : int
-        Rounds of the first plan, each with other stops; there is one in every later plan.
+        Rounds of the first plan, each with other stops; every later plan has one round.
     patience : int
-        Steps from plan to plan.
+        Steps from one plan to the next.
     """
 
     track = "state"
@@ -107,13 +108,13 @@ class Agent:
         self._tour, self._steps = [], 0
 
     def act(self, observation, info):
-        """Return the first action of the best tour known."""
+        """Return the first action of the best tour found."""
         state = info["state"]
-        here, budget = self._index(state.position), state.budget - 1  # the last action is to land
+        here, budget = self._index(state.position), state.budget - 1  # one action is for landing
         left = self._mission.left(state)
         flight = self._fly(here, self._tour, left, budget)
         if self._steps % self.patience == 0 and left.any():
-            rounds = range(self.rounds) if self._steps == 0 else [1]  # of the kind that goes on from what there is
+            rounds = range(self.rounds) if self._steps == 0 else [1]  # a round that keeps the current stops
             flight = self._plan(here, flight, left, budget, rounds)
         self._tour = flight.tour
         self._steps += 1
@@ -122,7 +123,7 @@ class Agent:
         return HOVER if flight.path[0] == here else self._move(here, flight.path[0])
 
     def _plan(self, here, best, left, budget, rounds):
-        """Return the best flight of some rounds, or the given one if none is better."""
+        """Return the best flight of the rounds, or ``best`` if none is better."""
         away = self._distances(here)
         fits = (away >= 0) & (self._home >= 0) & (np.maximum(away, 1) + self._home <= budget)
         for n in rounds:
@@ -133,15 +134,15 @@ class Agent:
         return best
 
     def _solve(self, here, stops, tour, budget):
-        """Return the tour that PyVRP finds, beginning with ``tour`` as far as its stops are among ``stops``."""
+        """Return the tour that PyVRP finds; its search begins with those stops of ``tour`` that are among ``stops``."""
         import pyvrp
         from pyvrp.exceptions import PenaltyBoundWarning
         from pyvrp.stop import MaxIterations
 
         cells = np.array([stop.cell for stop in stops])
-        # First the start, then the end, which is any landing cell; hovering at a stop is part of the way onward from it.
+        # Location 0 is the start, and 1 the end, which is any landing cell. Distances from a stop include the hovering there.
         distance: Any = np.zeros((len(stops) + 2, len(stops) + 2), dtype=np.int64)
-        distance[0, 2:] = np.maximum(self._distances(here)[cells], 1)  # a stop right here costs a hover
+        distance[0, 2:] = np.maximum(self._distances(here)[cells], 1)  # a stop here costs a hover
         for n, stop in enumerate(stops, start=2):
             distance[n] = np.concatenate(([0, self._home[stop.cell]], self._distances(stop.cell)[cells])) + stop.service
             distance[n, n] = 0
@@ -166,7 +167,7 @@ class Agent:
         )
         number = {stop[:2]: n for n, stop in enumerate(stops)}
         begun = [number[stop[:2]] for stop in tour if stop[:2] in number]
-        with warnings.catch_warnings(action="ignore", category=PenaltyBoundWarning):  # _PENALTY is meant
+        with warnings.catch_warnings(action="ignore", category=PenaltyBoundWarning):  # _PENALTY is low on purpose
             best = pyvrp.solve(
                 data,
                 MaxIterations(self.iterations),
@@ -178,7 +179,7 @@ class Agent:
         return [stops[visit.idx] for route in best.routes() for visit in route if visit.is_client()]
 
     def _thin(self, here, tour, left, budget):
-        """Fly a tour without the stops that other stops and the way make up for."""
+        """Simulate a tour, leaving out each stop without which the flight is worth more."""
         best = self._fly(here, tour, left, budget)
         n = 0
         while n < len(best.tour):
@@ -190,7 +191,7 @@ class Agent:
         return best
 
     def _fly(self, here, tour, left, budget):
-        """Fly a tour in the mind, without the stops that have become needless or leave no time for the way home."""
+        """Simulate a tour, without stops that have nothing left to yield or do not leave enough budget to land."""
         mission, at, path, made, total = self._mission, here, [], [], left.sum()
         left = left.copy()
         worth = mission.worth(left, tour)
@@ -213,7 +214,7 @@ class Agent:
         return Flight(path, made, float(total - left.sum()) - _ACTION * len(path))
 
     def _distances(self, cell):
-        """Return the moves from a cell to every cell; −1 where there is no way."""
+        """Return the number of moves from a cell to every cell; −1 where there is no path."""
         if cell not in self._away:
             self._away[cell] = self._city.distances(divmod(cell, self._city.shape[1])).reshape(-1)
         return self._away[cell]
@@ -228,9 +229,12 @@ class Agent:
 
 
 class _Coverage:
-    """CPP: what is left are the targets, as bool; one place more, always False, stands for what the camera does not see."""
+    """CPP: ``left`` says of each cell whether it is a target, as bool, shape (MN + 1,).
 
-    noise = 0.15  # by how much a gain may look larger than it is, so that rounds differ
+    The last entry is always False: it stands for the cells around the UAV that the camera does not see.
+    """
+
+    noise = 0.15  # gains are increased by random shares of up to this, so that the rounds differ
 
     def __init__(self, scenario, city):
         side, views = scenario.mission.camera_size, camera_views(scenario).reshape(-1, 1)
@@ -241,29 +245,33 @@ class _Coverage:
         self._seen = np.where(visible, cells, len(views))  # the cells that the camera sees from each cell
 
     def left(self, state):
-        """Return what is still to cover."""
+        """Return the targets left."""
         return np.append(state.target.reshape(-1) > 0, False)
 
     def done(self, stop, left):
-        """Say whether a stop has nothing more to yield."""
+        """Return whether a stop has nothing left to yield."""
         return not left[self._seen[stop.cell]].any()
 
     def collect(self, at, cells, left):
-        """Take from ``left`` what flying over ``cells`` yields."""
+        """Remove from ``left`` what flying over ``cells`` yields."""
         left[self._seen[cells]] = False
 
     def worth(self, left, tour):
-        """Return how much passing a cell is worth between stops: what the stops do not see themselves."""
+        """Return what passing each cell between stops is worth: the targets seen from it that no stop sees."""
         rest = left.copy()
         rest[self._seen[[stop.cell for stop in tour]]] = False
         return rest[self._seen].sum(axis=1).astype(float)
 
     def linger(self, at, homeward, left, spare):
-        """Return the way home; the camera gains nothing by hovering."""
+        """Return the way to the landing zone unchanged: the camera gains nothing by hovering."""
         return homeward
 
     def stops(self, fits, left, best, n, random):
-        """Return a set cover: from scratch in every third round, else of what the best flight leaves, with its stops."""
+        """Return a greedy set cover.
+
+        In every third round it is a new one. In the others, it keeps the stops of the best flight, and adds stops for the
+        targets that this flight leaves.
+        """
         left, fits, stops = left.copy(), fits.copy(), []
 
         def add(cell, prize):
@@ -284,10 +292,10 @@ class _Coverage:
 
 
 class _Harvesting:
-    """DH: what is left is the data of each device."""
+    """DH: ``left`` holds the data left at each device, shape (K,)."""
 
-    reach = 2  # moves from a device to its stops
-    patience = 6  # actions of hovering that a stop may take where there is another
+    reach = 2  # the largest distance of a stop from its device, in rows plus columns
+    patience = 6  # the most actions of hovering at a stop, unless a device would then have no stop
 
     def __init__(self, scenario, city):
         self._channel, self._city = channel_of(scenario.mission, city.shape), city
@@ -297,14 +305,14 @@ class _Harvesting:
     def left(self, state):
         """Return the data left."""
         cells = state.device_cell @ np.array([self._city.shape[1], 1])
-        if not np.array_equal(cells, self._cells):  # an episode begins
+        if not np.array_equal(cells, self._cells):  # a new episode
             self._cells = cells
             self._sight = np.array([self._city.visible(cell).reshape(-1) for cell in state.device_cell])
             self._rates = np.array([self._rate(k) for k in range(len(cells))])
         return state.device_data.copy()
 
     def _rate(self, k):
-        """Return the expected data units of device ``k`` per action of hovering in each cell."""
+        """Return the data units of device ``k`` per action of hovering in each cell, without fading."""
         r, c = divmod(int(self._cells[k]), self._city.shape[1])
         square = ((self._rows - r) ** 2 + (self._cols - c) ** 2) * self._channel.cell_size**2 + self._channel.altitude**2
         blocked, clear = self._channel.half_exponent
@@ -312,19 +320,19 @@ class _Harvesting:
         return np.maximum(self._channel.steps * np.log2(1.0 + np.exp(level)), 1e-9)
 
     def done(self, stop, left):
-        """Say whether a stop has nothing more to yield."""
+        """Return whether a stop has nothing left to yield."""
         return left[stop.thing] <= 0.0
 
     def collect(self, at, cells, left):
-        """Take from ``left`` what flying over ``cells`` yields."""
+        """Remove from ``left`` what flying over ``cells`` yields."""
         _serve(at, cells, left, self._city.shape[1], self._cells, self._sight, self._channel)
 
     def worth(self, left, tour):
-        """Return how much passing a cell is worth between stops: the highest rate of a device with data left."""
+        """Return what passing each cell between stops is worth: the highest rate of a device with data left."""
         return np.where(left[:, None] > 0.0, self._rates, 0.0).max(axis=0)
 
     def linger(self, at, homeward, left, spare):
-        """Return the way home with ``spare`` actions of hovering where the rate is highest."""
+        """Return the way to the landing zone with ``spare`` actions of hovering where the rate is highest."""
         cells = np.concatenate(([at], homeward))
         rates = self.worth(left, [])[cells]
         n = int(np.argmax(rates))
@@ -333,10 +341,10 @@ class _Harvesting:
         return np.concatenate((cells[1 : n + 1], np.full(spare, cells[n]), cells[n + 1 :]))
 
     def stops(self, fits, left, best, n, random):
-        """Return stops around each device with data left, or the nearest cell to it.
+        """Return the stops for each device with data left: cells near the device, or else the nearest one that fits.
 
-        What the moves there and away yield shortens the hovering: with straight moves about as much as 2 to 4 actions
-        of hovering would. The rounds differ in this.
+        The moves to a stop and away from it collect data too: if they are straight, about as much as 2 to 4 actions of
+        hovering. Each round shortens the hovering by a random number in this range, so that the rounds differ.
         """
         passing, stops = random.uniform(2.0, 4.0), []
         for k in np.flatnonzero(left > 0.0).tolist():
@@ -352,7 +360,7 @@ class _Harvesting:
 
 @kernel
 def _serve(at, path, left, cols, cells, sight, channel):
-    """Take from ``left`` what the devices with the highest expected rates deliver on a path from ``at``."""
+    """Remove from ``left`` what is collected on a path from ``at`` if the device with the highest expected rate is served."""
     for cell in path:
         r0, c0, r1, c1 = at // cols, at % cols, cell // cols, cell % cols
         for n in range(1, channel.steps + 1):

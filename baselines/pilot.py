@@ -1,13 +1,15 @@
-"""Pilot: remembers what it saw, completes what the blurred map hides by a learned network, and plans on that.
+"""Pilot: remembers what it saw, estimates with a learned network what the averaged global map hides, and plans on the result.
 
-It decides by the observation alone, as the paper's agent does, and uses more than that one did:
+It decides by the observation alone, as the paper's agent does, but uses more than that agent:
 
-- the scenario's map, which tells where it is (the paper's agent sees it, too, but has to learn what it means);
-- memory: blocks of the global map overlap from cell to cell, and tell most cells apart (`uavbench.planning.belief`);
-- in CPP a network, learned from episodes of the train split, for what they do not tell: how target zones look;
-- the rules: it searches over whole flights, as `planner` does, again whenever it has learned something new.
+- the scenario's map, to find out where it is (the paper's agent sees the map too, but has to learn what it means);
+- memory: after each move, the blocks of the global map contain other cells; together, they determine most cells
+  (`uavbench.planning.belief`);
+- in CPP a network, trained on episodes of the train split, which has learned how target zones look, for the other cells;
+- the rules: it searches over whole flights, as `planner` does, and again whenever it has learned something new.
 
-It learns nothing in DH: devices are anywhere with the same likelihood. Needs PyTorch: ``pip install 'uavbench[ddqn]'``.
+In DH it has no network, because all cells where a device may be are equally likely to hold one.
+Needs PyTorch: ``pip install 'uavbench[ddqn]'``.
 """
 
 import itertools
@@ -34,7 +36,7 @@ from uavbench.world.resources import shipped_weights
 
 @dataclass
 class Believed:
-    """What `planner` asks of a state, as far as it is known."""
+    """The parts of a state that `planner` reads, as far as they are known or estimated."""
 
     uav: int
     city: City
@@ -46,16 +48,16 @@ class Believed:
 
 
 class Flights(Planner):
-    """The planner, told of what has turned out to be otherwise: it searches little for a first flight, and mends that more."""
+    """The planner for a belief that changes: it searches less for the first flight, and in CPP improves it at every change."""
 
     def __init__(self, scenario):
         super().__init__(scenario)
         self.searches, self.changes = (2 if self._harvests else 1), 250_000
-        if not self._harvests:  # where it mends only when there is something new
+        if not self._harvests:  # in CPP a flight is improved only when something new is known, but then more
             self.mending_changes, self.mending_heat = 200_000, 1.0
 
     def revise(self, believed):
-        """Take in new devices, or mend the flight for new targets."""
+        """Take over new devices, or improve the flight for new targets."""
         if self._harvests:
             self._rates = expected_rates(self._scenario, believed.device_cell)
         elif self._flights:
@@ -63,14 +65,15 @@ class Flights(Planner):
 
 
 class Agent:
-    """Believes, plans, and plans again as it learns more.
+    """Estimates where targets or data are, plans a flight, and plans again when it learns more.
 
     Parameters
     ----------
     scenario : Scenario
-        For one UAV.
+        A scenario for one UAV.
     weights : Path, optional
-        Of the network; by default the ones that come with the suite. Where there are none, only sums of blocks count.
+        The weights of the network; by default those that come with uavbench. If a scenario has none, only the sums of blocks
+        are used.
     """
 
     track = "observation"
@@ -91,21 +94,21 @@ class Agent:
         self._target = np.zeros(self._scenario.shape, dtype=np.float32)
 
     def act(self, observation, info):
-        """Return the next action of the flight that is best for all that is known."""
+        """Return the next action of the best flight found for what is known and estimated."""
         here = self._places[static(observation["global"])]
         believed = Believed(0, self._city, here, int(observation["budget"][0]), self._target)
         (self._believe_devices if self._harvests else self._believe_targets)(believed, observation)
         return self._planner.act_team([observation], [{**info, "state": believed}])[0]
 
     def _believe_devices(self, believed, observation):
-        """Set the devices; the planner mends its flight for their data at every step."""
+        """Set the believed devices; the planner improves its flight for their data at every step."""
         changed = self._belief.learn(believed.position, observation)
         believed.device_cell, believed.device_data = self._belief.devices()
         if changed:
             self._planner.revise(believed)
 
     def _believe_targets(self, believed, observation):
-        """Set the target map, and mend the flight if what was not known has turned out to be otherwise."""
+        """Set the believed target map; if it has changed in cells that were not known before, improve the flight."""
         belief, before = self._belief, self._target
         unknown = ~belief.known
         if belief.learn(believed.position, observation):
@@ -115,22 +118,26 @@ class Agent:
             self._planner.revise(believed)
 
     def _complete(self, belief):
-        """Return how likely a cell is a target, by the network."""
+        """Return the network's probability of each cell that it is a target, shape (M, N)."""
         with torch.no_grad():
             return torch.sigmoid(self._network(torch.from_numpy(layers(belief)[None])))[0].numpy()
 
 
-# What the network learns.
+# The network and its training.
 
 
 def layers(belief):
-    """Return what the network sees of a belief, shape (4, M, N): what is known, targets there, elsewhere their likelihood."""
+    """Return the network's input for a belief, shape (4, M, N).
+
+    The layers are the known cells, the targets at the start among them, the probabilities of targets in the other cells, and
+    the cells where the probability is 0.
+    """
     likely = np.where(belief.known, 0.0, belief.likely)
     return np.stack([belief.known, belief.known * belief.first, likely, belief.likely == 0.0]).astype(np.float32)
 
 
 class Network(nn.Module):
-    """The logits of targets: those of the likelihoods, and what convolutions add to them."""
+    """Returns the logit of each cell's probability to be a target: that of the belief, plus what convolutions add."""
 
     def __init__(self, channels, depth):
         super().__init__()
@@ -153,13 +160,13 @@ class Config:
     updates : int
         Gradient steps in all.
     episodes, views : int
-        What an update learns from: episodes, and cells along a way through each, at every one of which it has a belief.
+        What an update learns from: the number of episodes, and of cells on a path through each. Each cell gives a belief.
     channels, depth : int
-        Of the network's convolutions.
+        Width and number of the network's 3×3 convolutions.
     learning_rate : float
-        Adam's, at the beginning; it falls to 0 by a cosine.
+        Adam's learning rate at the start; it falls to 0 along a cosine.
     validation, validation_episodes : int
-        Updates from one validation to the next, and episodes of one.
+        Updates from one validation to the next, and episodes of each validation.
     """
 
     updates: int = 600
@@ -176,7 +183,7 @@ CONFIGS = {"fast": Config()}
 
 
 class Learner:
-    """Training on beliefs that ways through train episodes lead to, with the true targets as labels."""
+    """A training on the beliefs along random paths through train episodes, with the true targets as labels."""
 
     def __init__(self, scenario, config, seed):
         if scenario.mission.kind != "coverage":
@@ -193,7 +200,7 @@ class Learner:
         return self.updates * self.config.episodes * self.config.views
 
     def advance(self):
-        """Learn once; return what to plot."""
+        """Make one update; return the values to plot."""
         config = self.config
         seen, wanted, asked = (torch.from_numpy(part) for part in self._draw())
         for group in self._optimizer.param_groups:
@@ -210,7 +217,7 @@ class Learner:
         return {"loss": loss.item(), "wrong": wrong, "wrong before": before}
 
     def _draw(self):
-        """Return beliefs, the true targets, and which cells are asked for: those not known."""
+        """Return the `layers` of beliefs, the true targets, and the cells that count: not known, with a probability above 0."""
         config, simulator, scenario = self.config, self._simulator, self.scenario
         index = np.arange(config.episodes)
         simulator.reset(index, "train", train_numbers(self.seed, self.updates * config.episodes, config.episodes))
@@ -237,17 +244,17 @@ class Learner:
         return {name: tensor.numpy() for name, tensor in self.network.state_dict().items()}
 
     def snapshot(self):
-        """Return all that changes, as arrays by name."""
+        """Return everything that changes, as arrays by name."""
         return {**pack({"network": self.network}, self._optimizer), "counters": np.array([self.updates])}
 
     def resume(self, arrays):
-        """Go on from a `snapshot`."""
+        """Continue from a `snapshot`."""
         unpack(arrays, {"network": self.network}, self._optimizer)
         self.updates = int(arrays["counters"][0])
 
 
 def load(weights, scenario):
-    """Return the network of a file."""
+    """Return the network with the weights of a file."""
     arrays = weights_for(weights, scenario)
     depth = sum(array.ndim == 4 for array in arrays.values()) - 1
     first = arrays.get("added.0.weight")
@@ -257,7 +264,7 @@ def load(weights, scenario):
 
 
 def _way(city, here, goal, count, random):
-    """Return ``count`` cells on a random shortest way, staying at its end."""
+    """Return the first ``count`` cells of a random shortest path from ``here`` to ``goal``, which is repeated at the end."""
     left, way = city.distances(goal), [here]
     while len(way) < count:
         near = [neighbour(way[-1], action) for action in range(4)]

@@ -1,7 +1,8 @@
 """Planner: whole flights by simulated annealing, for one UAV or a team; the strongest built-in agent.
 
-CPP: planned once, the best of several searches, then flown. DH: planned on expected rates, and mended at every step from the
-data that are left. It searches only while there is more to get. The knobs are the agent's attributes.
+CPP: it plans once, by several searches of which the best counts, and then flies the plan. DH: it plans with expected rates, and
+improves the rest of the flights at every step, for the data that are really left. It stops searching when a plan gets
+everything. The settings of the searches are attributes of the agent.
 """
 
 from uavbench.planning import coverage, harvesting
@@ -14,12 +15,12 @@ class Agent:
     track = "state"
 
     mending_changes = 4_000  # tried at every step in DH
-    mending_heat = 0.3  # data units: a temperature that mends a flight and does not forget it
+    mending_heat = 0.3  # initial temperature in data units: low enough to improve a flight instead of replacing it
 
     def __init__(self, scenario):
         self._scenario = scenario
         self._harvests = scenario.mission.kind == "harvesting"
-        # At the start, of which the best counts; in each, so many changes are tried.
+        # The number of searches at the start, of which the best counts, and the changes that each of them tries.
         self.searches, self.changes = (12, 250_000) if self._harvests else (6, 500_000)
 
     def reset(self, info):
@@ -36,7 +37,7 @@ class Agent:
             self._mend(states)
         held = [state.position for state in states]
         actions = []
-        for k, state in enumerate(states):  # in their order: the UAVs before have moved already
+        for k, state in enumerate(states):  # UAVs act in order: those before this one have already moved
             others = [cell for w, cell in enumerate(held) if w != k]
             self._flights[state.uav] = flight = self._around(state, self._flights[state.uav], others)
             if len(flight) == 1:
@@ -49,7 +50,7 @@ class Agent:
         return actions
 
     def _plan(self, states):
-        """Search several times for the flights of the whole team, until they get everything, and keep the best."""
+        """Search several times for flights of the whole team, until some get everything, and keep the best."""
         if self._harvests:
             self._rates = harvesting.expected_rates(self._scenario, states[0].device_cell)
         best = self._search(states, self._seed, self.changes)
@@ -60,7 +61,7 @@ class Agent:
         self._flights = {state.uav: flight for state, flight in zip(states, best.flights, strict=True)}
 
     def _mend(self, states):
-        """Search on from the flights as they are, with the data as they are, unless they get everything."""
+        """Search on from the current flights, for what is left now, unless in DH they already get everything."""
         first = [self._flights[state.uav] for state in states]
         if self._harvests and self._is_everything(states, self._search(states, self._seed, 0, first=first)):
             return
@@ -68,12 +69,12 @@ class Agent:
         self._flights = {state.uav: flight for state, flight in zip(states, plan.flights, strict=True)}
 
     def _is_everything(self, states, plan):
-        """Say whether a plan gets all that there is."""
+        """Return whether a plan gets everything that is left."""
         everything = states[0].device_data.sum() if self._harvests else (states[0].target > 0).sum()
         return plan.value > everything - 1e-6  # sums of data are rounded
 
     def _search(self, states, seed, changes, **more):
-        """Search for flights; each UAV of a team keeps some actions for being in another's way."""
+        """Search for flights; in a team, each UAV keeps some actions in reserve, because another may be in its way."""
         starts, slack = [state.position for state in states], 2 * (len(states) - 1)
         needed = [len(flight) for flight in more.get("first", ())] or [
             int(s.city.distance_to_landing[s.position]) + 1 for s in states
@@ -88,9 +89,9 @@ class Agent:
 
     @staticmethod
     def _around(state, flight, others):
-        """Return the flight, around the others if one of them is in its way."""
+        """Return the flight, or a flight that avoids or waits for the others if one of them is in its way."""
         here = state.position
-        if flight[0] != here:  # nothing is meant to bring a UAV off its flight; if something does, it goes home
+        if flight[0] != here:  # a UAV should never leave its flight; if it does, it flies to the nearest landing cell
             flight = [here]
         elif len(flight) == 1 or flight[1] not in others:
             return flight
@@ -105,7 +106,7 @@ class Agent:
 
 
 def _way(city, away, goal):
-    """Return the cells from where ``away`` is 0 to ``goal``."""
+    """Return the cells of a shortest path to ``goal`` from the cell where ``away`` is 0, both included."""
     way = [goal]
     while away[way[-1]] > 0:
         way.append(neighbour(way[-1], city.step_towards(away, way[-1])))

@@ -1,9 +1,9 @@
-"""TSP: fly the best tour over devices, hover at each until it is empty, fly home and land. Data harvesting only.
+"""TSP: fly the best tour over the devices, hover at each until it is empty, fly to a landing zone and land. DH only.
 
-The tour visits the subset of devices, in the order, that collects most within the budget: flying from place to place and
-home, and hovering as long as emptying a device takes at its expected rate. A device that is out of reach is collected from
-as near as one gets in time. Every subset and order is looked at by dynamic programming (Held and Karp, A dynamic programming
-approach to sequencing problems, Journal of SIAM 10(1), 1962).
+The tour visits the subset of the devices, in the order, that collects most within the budget. The budget must suffice for the
+moves from place to place and to a landing zone, and for hovering at each place until its device is empty at the expected rate.
+If a device's cell cannot be reached in time, its place is the nearest cell that can. Dynamic programming finds the best of all
+subsets and orders (Held and Karp, A dynamic programming approach to sequencing problems, Journal of SIAM 10(1), 1962).
 """
 
 import math
@@ -14,11 +14,11 @@ from uavbench.simulation.missions.harvesting import channel_of
 from uavbench.world.city import HOVER, LAND
 from uavbench.world.kernel import kernel
 
-MAX_DEVICES = 10  # time and memory double with each; where there are more, those with most data are looked at
+MAX_DEVICES = 10  # each device more doubles time and memory; if there are more, those with most data are considered
 
 
 class Agent:
-    """Flies to the first device of its tour, and plans anew only when a device, this or one on the way, has been emptied."""
+    """Flies to the first device of its tour, and plans again only when a device has been emptied, this one or another."""
 
     track = "state"
 
@@ -32,11 +32,11 @@ class Agent:
         self._left, self._goal = None, None
 
     def reset(self, info):
-        """Forget the tour: which devices it is for, and where it goes first."""
+        """Forget the tour: the devices that it is for, and its first place."""
         self._left, self._goal = None, None
 
     def act(self, observation, info):
-        """Return the next action: towards the goal, a hover there, or homeward."""
+        """Return the next action: a move to the goal, hovering there, a move to a landing zone, or landing."""
         state = info["state"]
         city, here = state.city, state.position
         left = np.flatnonzero(state.device_data).tolist()
@@ -44,14 +44,14 @@ class Agent:
             self._left, self._goal = left, self._plan(state, left)
         if self._goal is not None:
             away = city.distances(self._goal)
-            needed = max(away[here], 1) + city.distance_to_landing[self._goal] + 1  # at the goal 1 to hover; + 1 to land
+            needed = max(away[here], 1) + city.distance_to_landing[self._goal] + 1  # at the goal, 1 to hover; + 1 to land
             if needed <= state.budget:
                 return city.step_towards(away, here) if away[here] else HOVER
         home = city.distance_to_landing
         return city.step_towards(home, here) if home[here] else LAND
 
     def _plan(self, state, left):
-        """Return where to hover first on the best tour over the devices ``left``; None where no tour is worth its way."""
+        """Return the first place to hover of the best tour over the devices ``left``; None if no tour is worth its moves."""
         if not left:
             return None
         city, away = state.city, state.city.distances(state.position)
@@ -67,7 +67,7 @@ class Agent:
         return places[tour[0]] if len(tour) else None
 
     def _rate(self, city, device, place):
-        """Return the data units that an action of hovering at ``place`` collects of the device, in the mean over fading."""
+        """Return the mean, over fading, of the data units that an action of hovering at ``place`` collects from the device."""
         channel = self._channel
         ground = channel.cell_size * np.hypot(*(device - place))
         clear = int(city.visible(device)[place])
@@ -79,29 +79,29 @@ class Agent:
 
 @kernel
 def _best_tour(first, between, home, data, rates, budget):
-    """Return the order of the subset of K devices that collects most within the budget.
+    """Return the subset of the K devices, in the order to visit them, that collects most within the budget.
 
     Parameters
     ----------
     first, home : ndarray of int32, shape (K,)
-        Moves from the UAV to each device's place, and from there to the nearest landing cell.
+        Number of moves from the UAV to the place of each device, and from there to the nearest landing cell.
     between : ndarray of int32, shape (K, K)
-        Moves from place to place.
+        Number of moves from place to place.
     data, rates : ndarray of float64, shape (K,)
-        Data left, and data collected by an action of hovering.
+        Data left, and data that an action of hovering collects, in data units.
     budget : int
         Actions left.
     """
     number = len(data)
     far = 1 << 30
-    moves = np.full((1 << number, number), far, dtype=np.int64)  # fewest to visit a subset, ending at each of it
+    moves = np.full((1 << number, number), far, dtype=np.int64)  # the fewest for each subset and last device
     before = np.full((1 << number, number), -1, dtype=np.int64)
     best, best_subset, best_last = 0.0, 0, -1
     for subset in range(1, 1 << number):
         needed = worth = 0.0
         for k in range(number):
             if subset >> k & 1:
-                needed += max(0.0, data[k] / rates[k] - 1.0)  # the halves of the moves in and out are worth a hover
+                needed += max(0.0, data[k] / rates[k] - 1.0)  # the half moves before and after are worth a hover
                 worth += data[k]
         for last in range(number):
             if not subset >> last & 1:
@@ -113,11 +113,11 @@ def _best_tour(first, between, home, data, rates, budget):
                 if rest >> k & 1 and moves[rest, k] + between[k, last] < moves[subset, last]:
                     moves[subset, last] = moves[rest, k] + between[k, last]
                     before[subset, last] = k
-            hovering = budget - 1 - home[last] - moves[subset, last]  # an action is for landing
+            hovering = budget - 1 - home[last] - moves[subset, last]  # one action is for landing
             if hovering < 0:
                 continue
-            value = worth - max(0.0, needed - hovering) * rates[last]  # the last device pays for what is too long
-            value -= 1e-3 * (moves[subset, last] + home[last])  # of equals the shortest
+            value = worth - max(0.0, needed - hovering) * rates[last]  # the last device keeps what there is no time for
+            value -= 1e-3 * (moves[subset, last] + home[last])  # of equally good tours, the shortest
             if value > best:
                 best, best_subset, best_last = value, subset, last
     order = np.empty(number, dtype=np.int64)
@@ -130,7 +130,7 @@ def _best_tour(first, between, home, data, rates, budget):
 
 
 def _place(in_time, r, c):
-    """Return where to hover for the device at (r, c): over it, or as close as the UAV can get in time."""
+    """Return where to hover for the device at (r, c): its cell, or the nearest one that the UAV can reach in time."""
     rows, cols = np.indices(in_time.shape)
     distance = np.where(in_time, np.hypot(rows - r, cols - c), np.inf)
     return divmod(int(np.argmin(distance)), distance.shape[1])

@@ -1,4 +1,4 @@
-"""How fast are pictures? Frames per second of ``render_mode="rgb_array"`` on one thread, beside copying the same bytes.
+"""How fast are pictures? Frames per second of ``render_mode="rgb_array"`` on one thread, compared with copying the same bytes.
 
 Usage: python benchmarks/pictures.py [--rounds 20]. Prints Markdown. Rounds of drawing and copying alternate, and
 the best of each counts.
@@ -16,7 +16,7 @@ STEPS = 40
 
 
 def seconds(function, times):
-    """Return the wall time of a call, the mean of several."""
+    """Return the wall time of a call in seconds, as the mean of several."""
     started = time.perf_counter()
     for _ in range(times):
         function()
@@ -24,7 +24,7 @@ def seconds(function, times):
 
 
 def measure(name, rounds):
-    """Return the seconds of a frame after forty steps, and of copying it."""
+    """Return the shape of a frame after 40 steps, and the seconds that drawing and copying it take."""
     env = UAVEnv(name, render_mode="rgb_array")
     env.reset(seed=0)
     random = np.random.default_rng(0)

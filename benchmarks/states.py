@@ -1,7 +1,7 @@
-"""What does it cost to take a state and to go back to it, for a search over many futures? Beside a step of the environment.
+"""The time to get a state and to set it again, as tree searches do, compared with a step of the environment.
 
-Usage: python benchmarks/states.py [--rounds 30]. Prints Markdown. The best of all rounds counts; they alternate, so that a busy
-machine disturbs all alike.
+Usage: python benchmarks/states.py [--rounds 30]. Prints Markdown. All measurements take turns in every round, and the best
+round of each counts, so that a busy machine disturbs all of them alike.
 """
 
 import argparse
@@ -19,7 +19,7 @@ STEPS = 60
 
 
 def microseconds(function, count):
-    """Return the wall time of a call, as the mean of ``count``."""
+    """Return the wall time of a call in microseconds, as the mean of ``count`` calls."""
     started = time.perf_counter()
     for _ in range(count):
         function()
@@ -27,7 +27,7 @@ def microseconds(function, count):
 
 
 def measures(name):
-    """Return what is measured on a scenario: functions by name, and how often each is called in a round."""
+    """Return what is measured on a scenario, by name: a function, its calls in a round, and the steps in each call."""
     env = gym.make(f"uavbench/{name}").unwrapped
     envs = gym.make_vec(f"uavbench/{name}", NUM_ENVS, vectorization_mode="vector_entry_point")
     env.reset(seed=0, options={"budget": env.scenario.budget[1]})
@@ -57,7 +57,7 @@ def main():
     parser = argparse.ArgumentParser()
     parser.add_argument("--rounds", type=int, default=30)
     rounds = parser.parse_args().rounds
-    print(f"uavbench {uavbench.__version__}; µs a call\n")
+    print(f"uavbench {uavbench.__version__}; µs per call\n")
     for k, name in enumerate(NAMES):
         measured = measures(name)
         best = dict.fromkeys(measured, np.inf)

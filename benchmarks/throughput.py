@@ -1,8 +1,8 @@
 """Is the suite as fast as it was? Batches, single environments and teams, on one thread, in this checkout and in another.
 
 Usage: python benchmarks/throughput.py [--against FOLDER] [--rounds 40]. Prints Markdown. Each checkout is measured in a process
-of its own; their rounds alternate, and the best of each counts, so that a busy machine disturbs both alike. The observations
-are also copied, in the same rounds. (`uavbench speed` measures one installation, in more ways.)
+of its own; their rounds alternate, and the best round of each counts, so that a busy machine disturbs both alike. The same
+rounds also measure copying the observations. (`uavbench speed` measures one installation, in more ways.)
 """
 
 import argparse
@@ -21,14 +21,14 @@ HERE = Path(__file__).resolve().parents[1]
 
 
 def seconds(function):
-    """Return the wall time of a call."""
+    """Return the wall time of a call in seconds."""
     started = time.perf_counter()
     function()
     return time.perf_counter() - started
 
 
 class Batch:
-    """Environments of one scenario under random actions from 0 to ``most``."""
+    """A vector environment of one scenario, with random actions from 0 to ``most``."""
 
     def __init__(self, name, most, number):
         import gymnasium as gym
@@ -42,7 +42,7 @@ class Batch:
         self.best, self.copying = np.inf, np.inf
 
     def measure(self):
-        """Step and copy once, and keep the best."""
+        """Measure steps and copies once, and keep the best times."""
         self.best = min(self.best, seconds(self._step) / self.actions.size)
         self.copying = min(self.copying, seconds(self._copy) / self.actions.size)
 
@@ -68,14 +68,14 @@ class Single:
         self.best = float("inf")
 
     def measure(self):
-        """Step and keep the best."""
+        """Measure steps once, and keep the best time."""
         self.env.reset(seed=0, options={"budget": self.env.scenario.budget[1]})
         self.env.step(4)
         self.best = min(self.best, seconds(lambda: [self.env.step(k % 5) for k in range(100)]) / 100)
 
 
 class Teams:
-    """256 teams of ``uavs`` in one simulator, under random actions but ``land``: observations, masks and resets included."""
+    """256 teams of ``uavs`` UAVs in one simulator, with random actions except ``land``; with observations, masks and resets."""
 
     copying = None
 
@@ -87,7 +87,7 @@ class Teams:
         try:
             from uavbench.simulation.observation import Observer
             from uavbench.simulation.simulator import Simulator
-        except ModuleNotFoundError:  # a checkout of before there were rooms
+        except ModuleNotFoundError:  # a checkout from before the package had folders
             from uavbench.observation import Observer  # pyright: ignore[reportMissingImports]
             from uavbench.simulator import Simulator  # pyright: ignore[reportMissingImports]
 
@@ -99,7 +99,7 @@ class Teams:
         self.next, self.best = NUM_ENVS, np.inf
 
     def measure(self):
-        """Step and keep the best."""
+        """Measure steps once, and keep the best time."""
         self.best = min(self.best, seconds(self._step) / STEPS / NUM_ENVS)
 
     def _step(self):
@@ -115,7 +115,7 @@ class Teams:
 
 
 class Team:
-    """One team in its environment."""
+    """One team in a ``ParallelEnv``."""
 
     copying = None
 
@@ -126,14 +126,14 @@ class Team:
         self.env, self.longest, self.best = uavbench.parallel_env(scenario), scenario.budget[1], float("inf")
 
     def measure(self):
-        """Step and keep the best."""
+        """Measure steps once, and keep the best time."""
         self.env.reset(seed=0, options={"budget": self.longest})
         actions = [dict.fromkeys(self.env.agents, k % 5) for k in range(100)]
         self.best = min(self.best, seconds(lambda: [self.env.step(each) for each in actions]) / 100)
 
 
 def everything():
-    """Return what is measured, by what the table calls it."""
+    """Return everything that is measured, by its name in the table."""
     measured = {}
     for name in NAMES:
         measured[f"{name}, 256, all but land"] = Batch(name, 4, NUM_ENVS)
@@ -149,11 +149,11 @@ def everything():
 
 
 def serve():
-    """Measure a round for each line that comes in, and answer with the best so far."""
+    """Measure a round for each line on standard input, and print the best times so far."""
     import uavbench  # registers the environments
 
     if Path(uavbench.__file__).parents[1] != Path.cwd():
-        raise SystemExit(f"{uavbench.__file__} is not of {Path.cwd()}")
+        raise SystemExit(f"{uavbench.__file__} is not in {Path.cwd()}")
     measured = everything()
     print("ready", flush=True)
     for _ in sys.stdin:

@@ -1,8 +1,9 @@
-"""How long an update of the reference agent's training takes, with freed memory given back and with it kept.
+"""The time of an update of the reference agent's training if freed memory is given back to the system, and if it is kept.
 
 Usage: python benchmarks/training.py [--scenario Manhattan32-CPP-v0] [--rounds 4] [--updates 50]
 
-Each way has a process of its own; they take turns, and the best round of each counts. Needs ``pip install 'uavbench[ddqn]'``.
+Each of the two has its own process; they take turns, and the best round of each counts.
+Needs ``pip install 'uavbench[ddqn]'``.
 """
 
 import argparse
@@ -21,7 +22,7 @@ LEARNER = {}
 
 
 def begin(keep, scenario):
-    """Set up a training in this process."""
+    """Set up a training in this process, and make its first update."""
     torch.set_num_threads(1)
     if keep:
         keep_freed()
@@ -31,7 +32,7 @@ def begin(keep, scenario):
 
 
 def measure(updates):
-    """Return the milliseconds, and the pages asked of the system, of an update."""
+    """Return the milliseconds that an update takes, and the memory pages that it requests from the system."""
     started, pages = time.perf_counter(), resource.getrusage(resource.RUSAGE_SELF).ru_minflt
     for _ in range(updates):
         LEARNER["one"].advance()
@@ -40,7 +41,7 @@ def measure(updates):
 
 
 def main():
-    """Print a table."""
+    """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--scenario", default="Manhattan32-CPP-v0")
     parser.add_argument("--rounds", type=int, default=4)

@@ -1,4 +1,4 @@
-"""sb3-contrib on one UAV: MaskablePPO, which never tries what has no effect.
+"""sb3-contrib on one UAV: MaskablePPO, which chooses only valid actions.
 
 Train:  python maskable_ppo.py --scenario Block8-CPP-v0 --steps 200000
 Score:  uavbench evaluate --agent maskable_ppo.py --scenario Block8-CPP-v0
@@ -17,7 +17,7 @@ WEIGHTS = Path(__file__).with_suffix(".zip")
 
 
 class Agent:
-    """What ``uavbench evaluate`` scores: the policy's most likely actions among those that have their effect."""
+    """The agent that ``uavbench evaluate`` scores: it takes the policy's most likely valid action."""
 
     def __init__(self, scenario: uavbench.Scenario):
         self.model = MaskablePPO.load(WEIGHTS, device="cpu")
@@ -33,7 +33,7 @@ if __name__ == "__main__":
     parser.add_argument("--scenario", default="Block8-CPP-v0")
     parser.add_argument("--steps", type=int, default=200_000)
     options = parser.parse_args()
-    # The environments answer action_masks(), which MaskablePPO looks for: there is nothing to wrap.
+    # The environments have the method action_masks(), which MaskablePPO looks for, so they need no wrapper.
     model = MaskablePPO("MultiInputPolicy", make_envs(options.scenario), **SETTINGS)
     model.learn(options.steps)
     model.save(WEIGHTS)

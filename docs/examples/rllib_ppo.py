@@ -21,12 +21,12 @@ WEIGHTS = Path(__file__).resolve().with_suffix("")
 
 
 def make_env(config):
-    """Return the environment: flat vectors for RLlib's networks, and a team of three, which its wrapper asks for."""
+    """Return the environment: flat vectors for RLlib's networks, always three UAVs since its wrapper needs a fixed number."""
     return ParallelPettingZooEnv(uavbench.parallel_env(config["scenario"], num_uavs=3, flat=True))
 
 
 def train(scenario, steps, batch=4000):
-    """Train for ``steps`` decisions, and save the policy beside this file."""
+    """Train until UAV 0 has taken ``steps`` steps, and save the policy beside this file."""
     register_env("uavbench", make_env)
     config = (
         PPOConfig()
@@ -48,7 +48,7 @@ def train(scenario, steps, batch=4000):
 
 
 class Agent:
-    """What ``uavbench evaluate`` scores: the policy's most likely action among those that have their effect."""
+    """The agent that ``uavbench evaluate`` scores: it takes the policy's most likely valid action."""
 
     def __init__(self, scenario: uavbench.Scenario):
         self.module = RLModule.from_checkpoint(WEIGHTS)
@@ -56,7 +56,7 @@ class Agent:
 
     @torch.no_grad()
     def act_batch(self, observations, infos):
-        """Return an action for each UAV that flies."""
+        """Return an action for each UAV that still flies."""
         rows = [{name: values[k] for name, values in observations.items()} for k in range(len(infos))]
         flat = torch.from_numpy(np.stack([spaces.flatten(self.space, row) for row in rows]))
         logits = self.module.forward_inference({"obs": flat})["action_dist_inputs"].numpy()

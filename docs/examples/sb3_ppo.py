@@ -20,7 +20,7 @@ WEIGHTS = Path(__file__).with_suffix(".zip")
 
 
 class TwoMaps(BaseFeaturesExtractor):
-    """Two convolutions on each of the maps, as in the paper, and the budget beside them."""
+    """Two convolutions on each of the two maps, as in the paper, and the budget."""
 
     def __init__(self, space, channels=16):
         shapes = {name: space[name].shape for name in ("local", "global")}
@@ -33,7 +33,7 @@ class TwoMaps(BaseFeaturesExtractor):
         """Return the features, shape (batch, features_dim)."""
         scaled = {name: observations[name].clone() for name in self.maps}
         for layers in scaled.values():
-            layers[:, 3] /= self.max_data  # the target layer, as large as the others
+            layers[:, 3] /= self.max_data  # the target layer, scaled to [0, 1] like the others
         features = [convolve(scaled[name]) for name, convolve in self.maps.items()]
         return torch.cat([*features, observations["budget"] / self.max_budget], dim=1)
 
@@ -45,7 +45,7 @@ class TwoMaps(BaseFeaturesExtractor):
 
 
 def make_envs(scenario, seed=0):
-    """Return 16 environments whose crash penalty is small enough to learn to fly before learning to land."""
+    """Return 16 environments with rewards clipped at −10, so that the agent learns to fly before it learns to land."""
     return make_vec_env(
         lambda: gym.wrappers.TransformReward(gym.make(f"uavbench/{scenario}"), lambda reward: max(reward, -10.0)),
         n_envs=16,
@@ -53,7 +53,7 @@ def make_envs(scenario, seed=0):
     )
 
 
-#: Keywords of PPO and MaskablePPO.
+#: Keyword arguments of PPO and MaskablePPO.
 SETTINGS = {
     "n_steps": 128,
     "batch_size": 512,
@@ -67,7 +67,7 @@ SETTINGS = {
 
 
 class Agent:
-    """What ``uavbench evaluate`` scores: the policy's most likely actions."""
+    """The agent that ``uavbench evaluate`` scores: it takes the policy's most likely action."""
 
     def __init__(self, scenario: uavbench.Scenario):
         self.model = PPO.load(WEIGHTS, device="cpu")

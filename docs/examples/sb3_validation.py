@@ -1,4 +1,4 @@
-"""Stable-Baselines3 with its EvalCallback: PPO that keeps the weights that were best on the whole validation split.
+"""Stable-Baselines3 with its EvalCallback: PPO, keeping the weights that scored best on the whole validation split.
 
 Train:  python sb3_validation.py --scenario Block8-CPP-v0 --steps 200000
 Score:  uavbench evaluate --agent sb3_validation.py --scenario Block8-CPP-v0
@@ -19,18 +19,18 @@ FOLDER = Path(__file__).with_suffix("")
 
 
 def make_validation(scenario):
-    """Return one environment that gives every validation episode once, in order; Monitor writes what it was flown with."""
+    """Return one environment that goes through all validation episodes in order; Monitor writes the metrics of each."""
     env = gym.make(f"uavbench/{scenario}", split="validation", order="cycle")
     return Monitor(env, str(FOLDER / "validation"), info_keywords=("episode_number", "landed", "cr", "cral", "is_success"))
 
 
 def train(scenario, steps, evaluations=4):
-    """Train, and evaluate the policy as often as asked for."""
+    """Train for ``steps`` steps, and evaluate the policy ``evaluations`` times in between."""
     envs = make_envs(scenario)
     callback = EvalCallback(
         make_validation(scenario),
         n_eval_episodes=uavbench.load_scenario(scenario).splits.validation.episodes,
-        eval_freq=steps // evaluations // envs.num_envs,  # in steps of all environments
+        eval_freq=steps // evaluations // envs.num_envs,  # one call of it is a step of all environments
         best_model_save_path=str(FOLDER),
         deterministic=True,
     )
@@ -38,7 +38,7 @@ def train(scenario, steps, evaluations=4):
 
 
 class Agent:
-    """What ``uavbench evaluate`` scores: the most likely actions of the policy that was best."""
+    """The agent that ``uavbench evaluate`` scores: it takes the most likely action of the best policy."""
 
     def __init__(self, scenario: uavbench.Scenario):
         self.model = PPO.load(FOLDER / "best_model.zip", device="cpu")

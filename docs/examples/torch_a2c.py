@@ -20,7 +20,7 @@ WEIGHTS = Path(__file__).with_suffix(".pt")
 
 
 class Net(nn.Module):
-    """Two convolutions on each of the maps, the budget beside them, and two layers: a logit for each action, and a value."""
+    """Two convolutions on each of the two maps, the budget, and two dense layers; a logit for each action, and a value."""
 
     def __init__(self, scenario, channels=16):
         super().__init__()
@@ -34,7 +34,7 @@ class Net(nn.Module):
         self.head = nn.Sequential(nn.LazyLinear(128), nn.ReLU(), nn.Linear(128, 7))
 
     def forward(self, observations, mask):
-        """Return the policy over the actions that have their effect, and the values, shape (batch,)."""
+        """Return the policy over the valid actions, and the values, shape (batch,)."""
         near, far = self.near(observations["local"] / self.scale), self.far(observations["global"] / self.scale)
         out = self.head(torch.cat([near, far, observations["budget"] / self.budget], dim=1))
         return Categorical(logits=out[:, :6].masked_fill(mask == 0, -1e9)), out[:, 6]
@@ -52,11 +52,11 @@ def train(scenario, steps, num_envs=64, length=16, gamma=0.97):
     for update in range(steps // (num_envs * length)):
         rollout = []
         for _ in range(length):
-            action, resetting = policy.sample(), over  # in the step after an episode's end the action starts the next
+            action, resetting = policy.sample(), over  # the step after an episode's end resets, and ignores the action
             observations, reward, terminated, truncated, infos = envs.step(action)
             over = terminated | truncated
             cral += infos["cral"][over].tolist()
-            reward = reward.float().clamp(min=-10.0)  # learn to fly before learning to land
+            reward = reward.float().clamp(min=-10.0)  # so that it learns to fly before it learns to land
             rollout.append((policy.log_prob(action), policy.entropy(), value, reward, over, ~resetting))
             policy, value = net(observations, infos["action_mask"])
         target, loss = value.detach(), 0.0
@@ -79,7 +79,7 @@ def train(scenario, steps, num_envs=64, length=16, gamma=0.97):
 
 
 class Agent:
-    """What ``uavbench evaluate`` scores: the policy's most likely action among those that have their effect."""
+    """The agent that ``uavbench evaluate`` scores: it takes the policy's most likely valid action."""
 
     def __init__(self, scenario: uavbench.Scenario):
         self.net = Net(scenario)

@@ -25,7 +25,7 @@ SEEN = ["local", "global", "budget", "action_mask"]
 
 
 class Logits(Net):
-    """The network's logits alone; any batch shape."""
+    """The network's logits alone, for any batch shape."""
 
     def forward(self, *seen):
         """Return the logits, shape (..., 6)."""
@@ -33,7 +33,7 @@ class Logits(Net):
 
 
 class Value(Net):
-    """The network's value alone; any batch shape."""
+    """The network's value alone, for any batch shape."""
 
     def forward(self, *seen):
         """Return the value, shape (..., 1)."""
@@ -41,14 +41,14 @@ class Value(Net):
 
 
 def _apply(forward, seen):
-    """Apply ``forward`` to batches of any shape as to one dimension."""
+    """Flatten the batch dimensions of the inputs to one, and apply ``forward``."""
     leading = seen[2].dim() - 1
     local, whole, budget, mask = (part.flatten(0, leading - 1) if leading > 1 else part for part in seen)
     return forward({"local": local, "global": whole, "budget": budget}, mask)
 
 
 def make_env(scenario, num_envs=32):
-    """Return the environments. The wrapper registers the keys of the infos itself, and needs this mode to see the last ones."""
+    """Return the environments. The wrapper registers the infos' keys; it needs mode SameStep for infos of an episode's end."""
     envs = gym.make_vec(f"uavbench/{scenario}", num_envs, vectorization_mode="vector_entry_point", autoreset_mode="SameStep")
     return GymWrapper(envs, categorical_action_encoding=True)
 
@@ -67,13 +67,13 @@ def train(scenario, steps, batch=640):
     )
     critic = TensorDictModule(Value(loaded), in_keys=SEEN, out_keys=["state_value"])
     first = env.reset()
-    policy(first), critic(first)  # makes the lazy layers
+    policy(first), critic(first)  # initialises the lazy layers
     loss = A2CLoss(policy, critic, entropy_coeff=0.02)
     loss.make_value_estimator(ValueEstimators.GAE, gamma=0.97, lmbda=0.95)
     optimiser = torch.optim.Adam(loss.parameters(), lr=7e-4)
     flown = 0
     for data in Collector(env, policy, frames_per_batch=batch, total_frames=steps):
-        data["next", "reward"].clamp_(min=-10.0)  # learn to fly before learning to land
+        data["next", "reward"].clamp_(min=-10.0)  # so that it learns to fly before it learns to land
         with torch.no_grad():
             loss.value_estimator(data)
         parts = loss(data)
@@ -88,7 +88,7 @@ def train(scenario, steps, batch=640):
 
 
 class Agent:
-    """What ``uavbench evaluate`` scores: the policy's most likely action among those that have their effect."""
+    """The agent that ``uavbench evaluate`` scores: it takes the policy's most likely valid action."""
 
     def __init__(self, scenario: uavbench.Scenario):
         self.net = Logits(scenario)

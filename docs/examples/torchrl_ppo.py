@@ -26,7 +26,7 @@ SEEN = [("agents", "observation", name) for name in ("local", "global", "budget"
 
 
 class TwoMaps(nn.Module):
-    """Two convolutions on each of the maps, the budget beside them, and two layers; any batch shape."""
+    """Two convolutions on each of the two maps, the budget, and three dense layers; for any batch shape."""
 
     def __init__(self, scenario: uavbench.Scenario, outputs: int, channels: int = 16):
         super().__init__()
@@ -52,7 +52,7 @@ class TwoMaps(nn.Module):
 
 
 def make_env(scenario: str) -> PettingZooWrapper:
-    """Return the environment: a team of three, the wrapper wants every agent at every reset."""
+    """Return the environment, always with three UAVs, because the wrapper needs every agent at every reset."""
     env = uavbench.parallel_env(scenario, num_uavs=3)
     return PettingZooWrapper(
         env, use_mask=True, done_on_any=False, categorical_actions=True, group_map=MarlGroupMapType.ALL_IN_ONE_GROUP
@@ -73,7 +73,7 @@ def train(scenario: str, steps: int, batch: int = 2000, epochs: int = 4, minibat
     )
     critic = TensorDictModule(TwoMaps(loaded, 1), in_keys=SEEN, out_keys=[("agents", "state_value")])
     first = env.reset()
-    policy(first), critic(first)  # makes the lazy layers
+    policy(first), critic(first)  # initialises the lazy layers
     loss = ClipPPOLoss(policy, critic, entropy_coeff=0.02, normalize_advantage=True)
     loss.set_keys(
         reward=("agents", "reward"),
@@ -90,10 +90,10 @@ def train(scenario: str, steps: int, batch: int = 2000, epochs: int = 4, minibat
     started, flown = time.perf_counter(), 0
     for data in Collector(env, policy, frames_per_batch=batch, total_frames=steps):
         reward = data["next", "agents", "reward"]
-        reward.clamp_(min=-10.0)  # learn to fly before learning to land
+        reward.clamp_(min=-10.0)  # so that it learns to fly before it learns to land
         with torch.no_grad():
             loss.value_estimator(data)
-        acting = TensorDict({"agents": data["agents"][data["agents", "mask"]]})  # UAVs that have finished learn nothing
+        acting = TensorDict({"agents": data["agents"][data["agents", "mask"]]})  # without UAVs that have finished
         acting.batch_size = acting["agents"].batch_size
         for _ in range(epochs):
             for rows in torch.randperm(len(acting)).split(minibatch):
@@ -111,7 +111,7 @@ def train(scenario: str, steps: int, batch: int = 2000, epochs: int = 4, minibat
 
 
 class Agent:
-    """What ``uavbench evaluate`` scores: the policy's most likely action among those that have their effect."""
+    """The agent that ``uavbench evaluate`` scores: it takes the policy's most likely valid action."""
 
     def __init__(self, scenario: uavbench.Scenario):
         self.net = TwoMaps(scenario, 6)
@@ -119,7 +119,7 @@ class Agent:
 
     @torch.no_grad()
     def act_batch(self, observations, infos):
-        """Return an action for each UAV that flies."""
+        """Return an action for each UAV that still flies."""
         logits = self.net(*(torch.from_numpy(observations[name]) for name in ("local", "global", "budget"))).numpy()
         masks = np.stack([info["action_mask"] for info in infos]).astype(bool)
         return np.where(masks, logits, -np.inf).argmax(axis=1)

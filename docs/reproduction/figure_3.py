@@ -1,10 +1,10 @@
-"""The paper's figure 3: how well agents fly by the size l of the local map and the scale g of the global one.
+"""The paper's figure 3: scores of agents for several sizes l of the local map and scales g of the global map.
 
 Usage: python docs/reproduction/figure_3.py [--updates 3000] [--out runs/figure_3] [--workers 2]
 
-Networks are trained on the ``-Long-v0`` scenarios of Manhattan32 by the configuration ``fast`` with a stated, reduced number of
-updates, and scored on 200 test episodes. Trainings are checkpointed: the same command goes on. Writes ``figure_3.csv`` and
-``figure_3.png`` into the folder.
+For each pair of sizes, a network is trained on each ``-Long-v0`` scenario of Manhattan32, by the configuration ``fast`` with
+fewer updates (``--updates``), and scored on 200 test episodes. Trainings write checkpoints: after an interruption, the same
+command continues. Writes ``figure_3.csv`` and ``figure_3.png`` into the folder ``--out``.
 """
 
 import argparse
@@ -44,7 +44,7 @@ def point(name, local_size, global_scale, updates, out):
 
 
 def draw(table, path):
-    """Draw CRAL by l, a line for each g."""
+    """Draw CRAL against l, with a line for each g."""
     figure, axes = plt.subplots(1, len(SCENARIOS), figsize=(8, 3.2), sharey=True, layout="constrained")
     for axis, name in zip(axes, SCENARIOS, strict=True):
         for scale, rows in table[table["scenario"] == name].groupby("g"):
@@ -62,7 +62,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--updates", type=int, default=3000)
     parser.add_argument("--out", type=Path, default=Path("runs/figure_3"))
-    parser.add_argument("--workers", type=int, default=1, help="processes, a training in each")
+    parser.add_argument("--workers", type=int, default=1, help="trainings at the same time, each in its own process")
     options = parser.parse_args()
     sizes = [(name, size, scale) for name in SCENARIOS for size in LOCALS for scale in SCALES]
     one = joblib.delayed(point)

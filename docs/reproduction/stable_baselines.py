@@ -1,10 +1,10 @@
-"""Our DDQN beside the DQN of Stable-Baselines3: the same environment, network, batch and machine, one thread each.
+"""Compare our DDQN with Stable-Baselines3's DQN: same environment, network, batch size and machine, one thread each.
 
 Usage: python docs/reproduction/stable_baselines.py speed [--rounds 5]
        python docs/reproduction/stable_baselines.py curves [--minutes 30] [--out runs]
 
-``speed`` counts the samples that each learns from in a second, in turns. ``curves`` trains both over the same half hour, each
-on a core of its own, and writes ``stable_baselines.csv`` and ``stable_baselines.png``, scores on 200 validation episodes.
+``speed`` measures in turns how many samples per second each learns from. ``curves`` trains both at the same time, each on its
+own core, and writes their scores on 200 validation episodes to ``stable_baselines.csv`` and ``stable_baselines.png``.
 Needs ``pip install 'uavbench[ddqn]' stable-baselines3``.
 """
 
@@ -39,17 +39,18 @@ from uavbench.simulation.observation import Observer
 
 SCENARIO = "Manhattan32-CPP-v0"
 ENVIRONMENTS, BATCH, PREFILL = 128, 512, 8_192
-STEPS = 2_400_000  # over a twentieth of which Stable-Baselines3 lowers its exploration; time ends long before them
+# More than Stable-Baselines3 can take before the time is up. It lowers its exploration over the first twentieth of them.
+STEPS = 2_400_000
 OURS = find_agent("ddqn").module()
 
 
 class SameNetwork(BaseFeaturesExtractor):
-    """The convolutions of our network; its dense layers are the policy's."""
+    """The convolutions of our network. Its dense layers are given by the policy's ``net_arch``."""
 
     def __init__(self, space, scenario):
         network = OURS.Network(Observer(scenario), budget_scale=0.1)
         super().__init__(space, features_dim=network.inputs)
-        self.branches = network.branches.to(memory_format=torch.contiguous_format)  # as Stable-Baselines3 leaves it
+        self.branches = network.branches.to(memory_format=torch.contiguous_format)  # as Stable-Baselines3 does
         self.maps, self.budget_scale = network.maps, network.budget_scale
 
     def forward(self, observation):
@@ -59,7 +60,7 @@ class SameNetwork(BaseFeaturesExtractor):
 
 
 class Agent:
-    """The policy of Stable-Baselines3, as ``uavbench evaluate`` scores it."""
+    """The policy of Stable-Baselines3, as an agent that uavbench can score."""
 
     model = None
 
@@ -67,12 +68,12 @@ class Agent:
         pass
 
     def act_batch(self, observations, infos):
-        """Return the best actions."""
+        """Return the action with the highest Q-value for each running episode."""
         return self.model.predict(observations, deterministic=True)[0]
 
 
 def theirs(scenario):
-    """Return Stable-Baselines3's DQN: a step of all environments, then an update on 512 of the steps that it remembers."""
+    """Return Stable-Baselines3's DQN: after each step of all environments, it makes an update on 512 of the stored steps."""
     envs = make_vec_env(
         lambda: gym.wrappers.TransformReward(gym.make(f"uavbench/{scenario.id}"), lambda reward: 0.1 * reward),
         n_envs=ENVIRONMENTS,
@@ -107,7 +108,7 @@ LEARNERS = {}
 
 
 def begin(name):
-    """Set up one of them, in a process of its own, as far as its first update."""
+    """Set up one of the two learners in this process, and train it until its first update."""
     torch.set_num_threads(1)
     scenario = load_scenario(SCENARIO)
     if name == "uavbench":
@@ -120,7 +121,7 @@ def begin(name):
 
 
 def timed(updates):
-    """Return the samples that the one of this process learned from in a second."""
+    """Return how many samples per second the learner of this process learns from."""
     started = time.perf_counter()
     for name, learner in LEARNERS.items():
         if name == "uavbench":
@@ -132,7 +133,7 @@ def timed(updates):
 
 
 def speed(rounds, updates):
-    """Return the samples that each learns from in a second: the best of some rounds, in turns."""
+    """Return how many samples per second each learns from: the best of several rounds, in which they take turns."""
     spawn = multiprocessing.get_context("spawn")
     best = {"uavbench": 0.0, "Stable-Baselines3": 0.0}
     with contextlib.ExitStack() as stack:
@@ -146,7 +147,7 @@ def speed(rounds, updates):
 
 
 class Curve(BaseCallback):
-    """Scores Stable-Baselines3's policy every few minutes, and stops when the time is up; scoring is not counted."""
+    """Scores Stable-Baselines3's policy every few minutes, and stops when the time is up, not counting the scoring."""
 
     def __init__(self, scenario, minutes, every):
         super().__init__()
@@ -159,7 +160,7 @@ class Curve(BaseCallback):
         spent = (time.perf_counter() - self.started - self.scored) / 60
         if spent >= self.every * (len(self.points) + 1):
             paused, source = time.perf_counter(), find_agent(__file__)
-            source.load().model = self.model  # of the module that is evaluated, which is another than this
+            source.load().model = self.model  # `evaluate` uses another copy of this module
             samples = self.model._n_updates * BATCH
             self.points.append(("Stable-Baselines3", round(spent, 2), samples, *score(source, self.scenario)))
             print(*self.points[-1], flush=True)
@@ -168,7 +169,7 @@ class Curve(BaseCallback):
 
 
 def their_curve(minutes, every):
-    """Train Stable-Baselines3's for so many minutes and return its points."""
+    """Train Stable-Baselines3's DQN for ``minutes`` minutes, and return the points of its curve."""
     torch.set_num_threads(1)
     scenario = load_scenario(SCENARIO)
     callback = Curve(scenario, minutes, every)
@@ -177,7 +178,7 @@ def their_curve(minutes, every):
 
 
 def our_curve(minutes, every):
-    """Train ours as long, by ``fast`` with as many updates as the time allows: its learning rate falls towards their end."""
+    """Train our DDQN as long, by ``fast`` with as many updates as fit, because its learning rate depends on their number."""
     torch.set_num_threads(1)
     keep_freed()  # as `uavbench train` does
     scenario = load_scenario(SCENARIO)
@@ -198,7 +199,7 @@ def our_curve(minutes, every):
 
 
 def speed_of(scenario):
-    """Return our updates in a second."""
+    """Return how many updates per second our DDQN makes."""
     learner = OURS.Learner(scenario, OURS.CONFIGS["fast"], seed=0)
     learner.advance()
     started = time.perf_counter()
@@ -214,7 +215,7 @@ def score(source, scenario):
 
 
 def curves(minutes, every, out):
-    """Train both side by side; write the points of their curves and draw them."""
+    """Train both at the same time; write the points of their curves and draw them."""
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         runs = [pool.apply_async(curve, (minutes, every)) for curve in (our_curve, their_curve)]
         points = [point for run in runs for point in run.get()]
@@ -225,7 +226,7 @@ def curves(minutes, every, out):
 
 
 def draw(table, path):
-    """Draw each metric by the minutes of training."""
+    """Draw each metric against the minutes of training."""
     figure, axes = plt.subplots(1, len(METRICS), figsize=(9, 3.2), sharey=True, layout="constrained")
     for axis, metric, title in zip(axes, METRICS, ("Landed", "CR", "CRAL"), strict=True):
         for library, rows in table.groupby("library", sort=False):
@@ -241,9 +242,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("what", choices=("speed", "curves"))
     parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--updates", type=int, default=20, help="in a round")
+    parser.add_argument("--updates", type=int, default=20, help="updates in a round")
     parser.add_argument("--minutes", type=float, default=30.0)
-    parser.add_argument("--every", type=float, default=2.5, help="minutes from point to point")
+    parser.add_argument("--every", type=float, default=2.5, help="minutes between points")
     parser.add_argument("--out", type=Path, default=Path("runs"))
     options = parser.parse_args()
     if options.what == "speed":

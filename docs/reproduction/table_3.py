@@ -1,6 +1,7 @@
-"""The paper's table III: Landed, CR and CRAL of the reference DDQN on the 1,000 test episodes, beside the published figures.
+"""The paper's table III: Landed, CR and CRAL of the reference DDQN on the 1,000 test episodes, beside the published numbers.
 
-Usage: python docs/reproduction/table_3.py [--agent ddqn] [--out results] [--workers 2]. Results that are there are kept.
+Usage: python docs/reproduction/table_3.py [--agent ddqn] [--out results] [--workers 2]. Episodes that already have results in
+the folder are not flown again.
 """
 
 import argparse
@@ -11,7 +12,7 @@ from uavbench.agents.agent import find_agent
 from uavbench.evaluation.evaluate import Job
 from uavbench.evaluation.run import run
 
-#: Of the paper: Landed, CR, CRAL, in %.
+#: The paper's Landed, CR and CRAL, in %.
 PUBLISHED = {
     "Manhattan32-CPP-v0": (98.5, 71.0, 70.3),
     "Manhattan32-DH-v0": (98.2, 83.6, 82.5),

@@ -2,8 +2,9 @@
 
 Usage: python docs/reproduction/table_5.py [--scenario Manhattan32-DH-v0] [--rounds 5] [--updates 5]
 
-Every network trains as the configuration ``paper`` does, a step and an update on 128 samples, observations made included. In
-every round each takes its turn, and the best round of each counts, so that a busy machine disturbs all alike.
+Every network trains by the configuration ``paper``; the time is that of a step and an update on 128 samples, computing the
+observations included. The networks take turns in every round, and the best round of each counts, so that a busy machine
+disturbs all of them alike.
 """
 
 import argparse
@@ -27,12 +28,12 @@ def main():
     options = parser.parse_args()
     torch.set_num_threads(1)
     module, scenario = find_agent("ddqn").module(), load_scenario(options.scenario)
-    config = replace(module.CONFIGS["paper"], buffer_size=1000, learning_starts=500)  # what is remembered costs no time
+    config = replace(module.CONFIGS["paper"], buffer_size=1000, learning_starts=500)  # the size does not affect the time
     sizes = [(0, 1), *((size, scale) for size in LOCALS for scale in SCALES)]
     learners = {size: module.Learner(scenario.with_observation(*size), config, seed=0) for size in sizes}
     seconds = dict.fromkeys(sizes, float("inf"))
     for learner in learners.values():
-        learner.advance()  # fills the memory
+        learner.advance()  # fills the replay buffer
     for _ in range(options.rounds):
         for size, learner in learners.items():
             started = time.perf_counter()
@@ -40,7 +41,7 @@ def main():
                 learner.advance()
             seconds[size] = min(seconds[size], (time.perf_counter() - started) / options.updates)
     whole = seconds[0, 1]
-    print(f"{options.scenario}, one thread: {1000 * whole:.0f} ms an update without the scheme; times as fast with it:\n")
+    print(f"{options.scenario}, one thread: {1000 * whole:.0f} ms per update without the scheme; times as fast with it:\n")
     print("| | " + " | ".join(f"g = {g}" for g in SCALES) + " |\n| --- |" + " ---: |" * len(SCALES))
     for size in LOCALS:
         print(f"| l = {size} | " + " | ".join(f"{whole / seconds[size, scale]:.1f}" for scale in SCALES) + " |")

@@ -11,7 +11,7 @@ CITIES = ("Manhattan32", "Urban50")
 
 
 def sizes(name, local_size=None, global_scale=None):
-    """Return the inputs of the first dense layer, and the parameters."""
+    """Return the number of inputs of the first dense layer, and the number of parameters."""
     scenario = load_scenario(name).with_observation(local_size, global_scale)
     network = find_agent("ddqn").module().Network(Observer(scenario))
     return network.inputs, sum(each.numel() for each in network.parameters())
@@ -19,7 +19,7 @@ def sizes(name, local_size=None, global_scale=None):
 
 def main():
     """Print both tables."""
-    print("Table I: parameters. The paper's counts are those of six input layers; four are what it describes.\n")
+    print("Table I: parameters. The paper's counts are those of six input layers, but it describes four.\n")
     print(
         "| map | l | g | flatten layer N | parameters, 4 layers | parameters, 6 layers |\n| --- | --- | --- | --- | --- | --- |"
     )
