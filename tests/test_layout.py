@@ -85,6 +85,7 @@ def test_old_names_warn_and_lead_to_the_same_things() -> None:
         "    import uavbench.city\n"
         "    from uavbench.missions.coverage import camera_views\n"
         "    from uavbench.missions import Mission\n"
+        "    from uavbench.memory import episodes_at_once, keep_freed\n"
         "assert uavbench.city.City is city.City and camera_views is new.camera_views\n"
         "print(*(f'{each.filename} {each.category.__name__} {each.message}' for each in told), sep='\\n')\n"
     )

@@ -1,13 +1,13 @@
-"""The base of every error that uavbench raises on purpose, and how to say what others raise."""
+"""The base class of the errors that uavbench raises on purpose, and a function that makes any text printable on one line."""
 
 from collections.abc import Callable
 
 
 class UavbenchError(Exception):
-    """What uavbench refuses, and why: the message names the file or field, the reason, and the way out.
+    """uavbench refuses something: the message names the file or field, the reason, and what to do.
 
-    Every error class of the suite derives from it, so ``except uavbench.UavbenchError`` catches them all. Most are a
-    ``ValueError`` besides, as libraries that call the suite expect of bad arguments.
+    Every error class of the suite derives from it, so ``except uavbench.UavbenchError`` catches them all. Most are also a
+    ``ValueError``, which libraries that call the suite expect for bad arguments.
     """
 
 
@@ -15,10 +15,10 @@ _LONGEST = 300
 
 
 def one_line(thing: object, say: Callable[[object], str] = str) -> str:
-    """Return what an object says of itself as one line that can be printed, of at most 300 characters, whatever it says.
+    """Return the text of any object as one printable line of at most 300 characters, with … at its end if it was longer.
 
-    It is for what others wrote: exceptions, whose ``__str__`` may raise, and names, which may hold line breaks. ``say`` is
-    `str` or `repr`.
+    It is for objects that others made: exceptions, whose ``__str__`` may raise, and names, which may contain line breaks.
+    ``say`` is `str` or `repr`.
     """
     try:
         text = say(thing)

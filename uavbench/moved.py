@@ -1,4 +1,4 @@
-"""Old names of modules: each still imports the module of its new name, with a DeprecationWarning, until version 0.3."""
+"""Old names of modules. Until version 0.3, each still imports the module with its new name, with a DeprecationWarning."""
 
 import importlib
 import importlib.abc
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
-#: New names of modules by their old ones, both inside the package.
+#: The new name of each module by its old name, both without ``uavbench.``.
 MOVED = {
     "agent": "agents.agent",
     "agent_files": "agents.agent_files",
@@ -75,8 +75,12 @@ MOVED = {
 }
 
 
+#: Where the other names of a module are that was split in two.
+SPLIT = {"simulation.memory": "learning.memory"}
+
+
 class _OldName(ModuleType):
-    """A module that has everything of another module."""
+    """A module that offers all names of another module."""
 
     def __init__(self, name: str, new: str) -> None:
         super().__init__(name)
@@ -85,7 +89,11 @@ class _OldName(ModuleType):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__") and name not in ("__all__", "__version__"):
             raise AttributeError(name)
-        return getattr(importlib.import_module(vars(self)["_new"]), name)
+        found = importlib.import_module(vars(self)["_new"])
+        other = SPLIT.get(vars(self)["_new"].removeprefix("uavbench."))
+        if other and not hasattr(found, name):
+            found = importlib.import_module(f"uavbench.{other}")
+        return getattr(found, name)
 
     def __dir__(self) -> list[str]:
         return dir(importlib.import_module(vars(self)["_new"]))
@@ -95,21 +103,21 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
     """Finds the modules of `MOVED` by their old names."""
 
     def find_spec(self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None) -> Any:  # noqa: ARG002
-        """Return a spec for an old name."""
+        """Return a module specification for an old name; None for any other name."""
         package, _, name = fullname.partition(".")
         if package != "uavbench" or name not in MOVED:
             return None
         return importlib.machinery.ModuleSpec(fullname, self, is_package=name == "missions")
 
     def create_module(self, spec: importlib.machinery.ModuleSpec) -> ModuleType:
-        """Return a module that has everything of the one with the new name."""
+        """Return a module that offers all names of the module with the new name; warn about the old name."""
         new = f"uavbench.{MOVED[spec.name.removeprefix('uavbench.')]}"
         warnings.warn(f"{spec.name} is now {new}; the old name works until version 0.3", DeprecationWarning, stacklevel=2)
         importlib.import_module(new)  # so that an error in it is raised here
         return _OldName(spec.name, new)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Do nothing: the module is executed under its new name."""
+        """Do nothing: the module has been executed under its new name."""
 
 
 def install() -> None:

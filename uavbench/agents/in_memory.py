@@ -1,6 +1,6 @@
 """An agent that is an object in memory instead of a file.
 
-It is evaluated by the same code. The leaderboard does not take its results, as nobody can run it again.
+The same code evaluates it. The leaderboard refuses its results, because nobody could run it again.
 """
 
 import inspect
@@ -16,19 +16,19 @@ from uavbench.world.scenario import Scenario
 
 @dataclass(frozen=True)
 class ObjectSource(AgentSource):
-    """The source of an agent that a program has made.
+    """The source of an agent that exists as a Python object.
 
     Attributes
     ----------
     agent : object
-        An agent, or a class that makes one of a scenario.
+        An agent, or a class that makes one from a scenario.
     """
 
     agent: Any = None
 
     @classmethod
     def of(cls, agent: object, name: str | None = None) -> "ObjectSource":
-        """Return the source of an agent, called by ``name`` or by its class."""
+        """Return the source of an agent; without ``name`` it has the name of its class."""
         kind = agent if inspect.isclass(agent) else type(agent)
         return cls(Path("in memory"), kind.__name__, given_name=name or kind.__name__, agent=agent)
 
@@ -39,21 +39,21 @@ class ObjectSource(AgentSource):
 
     @property
     def sha256(self) -> str:
-        """What stands in the place of a digest: an object in memory has none."""
+        """The text "in memory" instead of a digest, which an object in memory does not have."""
         return "in memory"
 
     @property
     def built_in(self) -> bool:
-        """False: it does not come with the suite."""
+        """False: the agent does not come with the suite."""
         return False
 
     def digest(self, scenario: Scenario) -> str:  # noqa: ARG002  # a file's digest depends on it
-        """Return what stands in the place of a digest."""
+        """Return the text "in memory" instead of a digest."""
         return self.sha256
 
     @cached_property
     def _class(self) -> Any:
-        """The agent or its class: whatever has the methods."""
+        """The agent or its class, after a check of its methods."""
         self._check_contract(self.agent)
         if inspect.isclass(self.agent):
             self._check_signature(self.agent)
@@ -64,5 +64,5 @@ class ObjectSource(AgentSource):
         return self._class(scenario) if inspect.isclass(self.agent) else self._class
 
     def meant(self, error: Exception) -> bool:
-        """Say whether an error says what the agent needs."""
+        """Return whether an error is the agent's message that it needs something: here only an error of uavbench is."""
         return isinstance(error, UavbenchError)

@@ -1,4 +1,4 @@
-"""What an agent and a learner look like, for type checkers and readers. The whole contract is docs/agents.md."""
+"""The methods of agents and learners, for type checkers and readers. docs/agents.md has the complete contract."""
 
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 class Agent(Protocol):
     """An agent that decides for one UAV at a time.
 
-    Instead of ``act``, or beside it, it may have ``act_batch(observations, infos)``, which decides for many episodes at once,
-    or ``act_team(observations, infos)``, which decides for all UAVs of a team together. If it has ``reset(info)``, that is
-    called before each episode. With ``track = "state"``, ``info["state"]`` shows everything but the noise to come.
+    Instead of ``act``, or in addition to it, it may have ``act_batch(observations, infos)``, which decides for many episodes at
+    once, or ``act_team(observations, infos)``, which decides for all UAVs of a team together. If it has ``reset(info)``, this
+    is called before each episode. With ``track = "state"``, ``info["state"]`` shows everything except future noise.
     """
 
     def act(self, observation: dict[str, NDArray[np.float32]], info: dict[str, Any]) -> int:
@@ -31,27 +31,27 @@ class Agent(Protocol):
 
 @runtime_checkable
 class Learner(Protocol):
-    """What ``uavbench train`` asks of a learned agent's ``Learner(scenario, config, seed)``: see docs/agents.md.
+    """What ``uavbench train`` needs from the class ``Learner(scenario, config, seed)`` of a learned agent: see docs/agents.md.
 
     Attributes
     ----------
     updates, samples : int
-        Gradient steps done, and steps of episodes that were learned from.
+        Number of gradient steps so far, and number of steps of episodes that the learner has learned from.
     """
 
     updates: int
 
     @property
     def samples(self) -> int:
-        """How many steps of episodes have been learned from."""
+        """Number of steps of episodes that the learner has learned from."""
         ...
 
     def advance(self) -> dict[str, float]:
-        """Make one update, and return numbers to plot, by name."""
+        """Do one update, and return numbers to plot, by name."""
         ...
 
     def start_from(self, path: Path) -> None:
-        """Begin with the weights in a file."""
+        """Start from the weights in a file."""
         ...
 
     def weights(self) -> dict[str, NDArray[Any]]:
@@ -59,9 +59,9 @@ class Learner(Protocol):
         ...
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
-        """Return everything that changes in a training, as arrays by name."""
+        """Return everything that changes during a training, as arrays by name."""
         ...
 
     def resume(self, arrays: dict[str, NDArray[Any]]) -> None:
-        """Go on from a `snapshot`."""
+        """Continue from a `snapshot`."""
         ...

@@ -1,1 +1,1 @@
-"""Adapters: Gymnasium's ``Env`` and ``VectorEnv`` over the simulator. No rule of the world is in them."""
+"""Adapters of the simulator for Gymnasium (``Env``, ``VectorEnv``) and PettingZoo. They contain no rules of the world."""

@@ -19,23 +19,23 @@ from uavbench.world.values import as_array, as_integer, as_list, shown
 
 METADATA: dict[str, Any] = {"render_modes": ["human", "rgb_array", "ansi"], "render_fps": 8}
 
-#: What ``info["split"]`` says: 0 train, 1 validation, 2 test, 3 an episode that was set by hand.
+#: The values of ``info["split"]``: 0 train, 1 validation, 2 test, 3 an episode that was set by hand.
 SPLIT_CODES: dict[str, int] = {name: code for code, name in enumerate((*SPLITS, Simulator.CUSTOM))}
 
-#: The least CR of a flight that landed and counts as a success, unless an environment was asked for another.
+#: The default of ``success_cr``: an episode is a success if the UAV landed and CR is at least this.
 SUCCESS_CR = 0.9
 
 
 class EnvState(NamedTuple):
-    """The state of an environment's episodes, by ``get_state``: copies that no environment changes. It can be pickled."""
+    """What ``get_state`` returns: copies of the state of an environment's episodes. It can be pickled."""
 
     simulator: SimulatorState
     trails: list[dict[str, Any] | None]
-    elapsed: NDArray[np.int64] = np.zeros(1, dtype=np.int64)  # steps, where the environment counts them
+    elapsed: NDArray[np.int64] = np.zeros(1, dtype=np.int64)  # steps so far, if the environment counts them
 
 
 class Changes(TypedDict, total=False):
-    """What an environment may change of its scenario: keyword arguments of every environment."""
+    """The keyword arguments of every environment that change its scenario."""
 
     local_size: int | None
     global_scale: int | None
@@ -44,7 +44,7 @@ class Changes(TypedDict, total=False):
 
 
 def load(scenario: str | Path | Scenario, **changes: Unpack[Changes]) -> Scenario:
-    """Load a scenario with the observation, rewards and budgets that an environment was asked for."""
+    """Load a scenario, changed as the keyword arguments of an environment say."""
     loaded = scenario if isinstance(scenario, Scenario) else load_scenario(scenario)
     rewards, budget = changes.pop("rewards", None), changes.pop("budget", None)
     for name in changes:
@@ -61,14 +61,14 @@ def load(scenario: str | Path | Scenario, **changes: Unpack[Changes]) -> Scenari
 
 
 def check_alone(scenario: Scenario) -> Scenario:
-    """Refuse a team's scenario where one UAV flies alone."""
+    """Return the scenario; raise a ValueError if it is for a team."""
     if scenario.team:
         raise ValueError(f'{scenario.id} is for a team: use uavbench.parallel_env("{scenario.id}")')
     return scenario
 
 
 def refuse_team(scenario: str, **_: Any) -> Any:
-    """Say how a team's environment is made: what ``gymnasium.make`` and ``make_vec`` do with the id of a team's scenario."""
+    """Raise a ValueError that says how to make a team's environment; ``gymnasium.make`` and ``make_vec`` do for team ids."""
     check_alone(load_scenario(scenario))
 
 
@@ -91,14 +91,14 @@ def action_space() -> spaces.Discrete:
 
 
 def check_render_mode(mode: str | None, modes: Sequence[str] = METADATA["render_modes"]) -> str | None:
-    """Refuse an unknown render mode."""
+    """Return the render mode; raise a ValueError if it is unknown."""
     if mode is not None and mode not in modes:
         raise ValueError(f"render_mode: {mode!r} is not one of {', '.join(modes)}")
     return mode
 
 
 def check_success(cr: object) -> float:
-    """Return the CR from which on a flight that landed counts as a success, or refuse what is not from 0 to 1."""
+    """Return ``cr`` as a float; raise a ValueError if it is not a number from 0 to 1."""
     least = as_array(cr)
     if least is None or least.shape or least.dtype == np.bool_ or not 0 <= least <= 1:
         raise ValueError(f"success_cr: {shown(cr)} is not a number from 0 to 1")
@@ -106,7 +106,7 @@ def check_success(cr: object) -> float:
 
 
 def check_action(action: object, whose: str = "") -> int:
-    """Return an action as an int, or refuse what is none."""
+    """Return an action as an int; raise a ValueError if it is not an integer from 0 to 5."""
     chosen = as_integer(action)
     if chosen is None or not 0 <= chosen < NUM_ACTIONS:
         raise ValueError(f"actions: {shown(action)}{whose} is not one integer from 0 to {NUM_ACTIONS - 1}")
@@ -114,12 +114,12 @@ def check_action(action: object, whose: str = "") -> int:
 
 
 def information(simulator: Simulator, success_cr: NDArray[np.float64]) -> dict[str, NDArray[Any]]:
-    """Return what every info tells besides the mask: the episodes of all slots and their metrics so far, each of shape (B,).
+    """Return the contents of every info besides the mask: the episodes of all slots and their metrics so far, of shape (B,).
 
     Returns
     -------
     dict
-        ``split`` (int64: a code of `SPLIT_CODES`), ``episode_number`` (int64, −1 where set by hand), ``landed`` (bool),
+        ``split`` (int64: a code of `SPLIT_CODES`), ``episode_number`` (int64, −1 if set by hand), ``landed`` (bool),
         ``cr``, ``cral`` (float64), ``blocked`` (int64), ``is_success`` (bool: landed, and CR at least ``success_cr``).
     """
     splits, numbers = simulator.episodes()
@@ -128,10 +128,10 @@ def information(simulator: Simulator, success_cr: NDArray[np.float64]) -> dict[s
 
 
 def information_alone(simulator: Simulator, success_cr: float) -> dict[str, Any]:
-    """Return the `information` about slot 0: the same values, in less time than arrays of one take.
+    """Return the `information` about slot 0: the same values, faster than with arrays of one element.
 
-    TorchRL asks each of them for its dtype. A bool is an array without a dimension: of NumPy's bool, Gymnasium's vector
-    environments would make an array of objects.
+    TorchRL needs a dtype for each value. A bool is a zero-dimensional array, because Gymnasium's vector environments would
+    collect NumPy's bools in an array of objects.
     """
     split, number = simulator.episode_code(0)
     metrics = simulator.outcome(0)
@@ -148,12 +148,12 @@ def information_alone(simulator: Simulator, success_cr: float) -> dict[str, Any]
 
 
 def known_options(mission: Mission) -> tuple[str, ...]:
-    """Return the options of ``reset`` that every adapter knows."""
+    """Return the options of ``reset`` that every adapter accepts."""
     return ("split", "episode", "start", "budget", mission.option, "noise")
 
 
 def read_options(options: object) -> dict[str, Any]:
-    """Return a copy of the options of ``reset``, or refuse what is no dictionary."""
+    """Return a copy of the options of ``reset``; raise a ValueError if they are not a dictionary."""
     if options is None:
         return {}
     if not isinstance(options, Mapping):
@@ -162,7 +162,7 @@ def read_options(options: object) -> dict[str, Any]:
 
 
 def check_options(options: Mapping[str, Any] | None, mission: Mission, extra: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Refuse options of ``reset`` that this scenario does not know."""
+    """Return a copy of the options of ``reset``; raise a ValueError if one is unknown in this scenario."""
     known = (*known_options(mission), *extra)
     given = read_options(options)
     for name in given:

@@ -1,4 +1,4 @@
-"""The Gymnasium environment: a batch of one."""
+"""The Gymnasium environment: a simulator with a batch of one episode."""
 
 from pathlib import Path
 from typing import Any, Unpack
@@ -49,12 +49,12 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
     Observation Space
     -----------------
     ``Dict`` of float32: ``local`` (4, l, l), the central crop of the centred map; ``global`` (4, ⌊(2M−1)/g⌋, ⌊(2N−1)/g⌋),
-    its g×g means; ``budget`` (1,), actions left. Layers: landing, no_fly, building, target. Without ``local`` if l = 0.
+    its g×g means; ``budget`` (1,), actions left. Layers: landing, no_fly, building, target. If l = 0, there is no ``local``.
 
     Rewards
     -------
     r_mov for every action except a successful landing, r_sc for staying in place without hovering or landing, r_crash
-    when the budget ends in the air, r_c per covered cell or collected data unit. Their values are the scenario's.
+    when the budget is used up without a landing, r_c per covered cell or collected data unit. The scenario sets their values.
 
     Starting State
     --------------
@@ -66,9 +66,10 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
 
     Information
     -----------
-    The same keys after ``reset`` and every ``step``. ``action_mask``, int8 (6,): the actions that have their effect.
-    ``split``: 0 train, 1 validation, 2 test, 3 set by hand; and ``episode_number``, −1 if set by hand (`episode` tells both).
-    ``landed`` (bool), ``cr``, ``cral`` (float) and ``blocked`` (int): the metrics so far, at the end the score.
+    The same keys after ``reset`` and every ``step``. ``action_mask``, int8 (6,): 1 for valid actions.
+    ``split``: 0 train, 1 validation, 2 test, 3 set by hand; and ``episode_number``, −1 if set by hand. The attribute
+    `episode` has both.
+    ``landed`` (bool), ``cr``, ``cral`` (float) and ``blocked`` (int): the metrics so far; at the end of the episode, its score.
     ``is_success`` (bool): landed, and CR at least ``success_cr``.
 
     Parameters
@@ -82,23 +83,23 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
     budget : (int, int), optional
         Another range of movement budgets; the episodes of all splits are drawn anew with it.
     split : {"train", "validation", "test"}
-        Where ``reset`` takes episodes from when its options name none.
+        The split from which ``reset`` takes episodes if its options name none.
     start : {"landing", "anywhere"}
-        Where episodes start when the options of ``reset`` do not say: in a landing zone, as drawn, or in any cell with any
-        budget that suffices to land, drawn from the episode's key (for training; such episodes have the number −1).
+        Where episodes start if the options of ``reset`` do not say it: in the landing cell that was drawn, or, for training,
+        in any cell with any budget that suffices to land, drawn from the episode's key (such episodes have the number −1).
     safe_action_mask : bool
-        Whether infos have ``safe_action_mask``, int8 (6,), too: 1 for actions after which landing is still possible.
+        Whether infos also have ``safe_action_mask``, int8 (6,): 1 for safe actions, after which landing is still possible.
     compact : bool
         Whether observations take a quarter of the memory, for replay buffers: see `uavbench.envs.forms.Form`.
     normalize : bool
         Whether ``budget`` is divided by the scenario's largest, so that it is from 0 to 1.
     order : {"random", "cycle"}
-        Whether ``reset`` draws an episode, or takes the split's episodes one after the other, from number 0 on. A cycle
-        begins again after its last episode, and at a reset with a seed.
+        Whether ``reset`` draws an episode at random, or takes the episodes of the split in order, from number 0 on. The
+        cycle starts again after the last episode, and at a reset with a seed.
     success_cr : float
-        The least CR, from 0 to 1, of a flight that landed and counts as a success (``is_success``).
+        An episode is a success (``is_success``) if the UAV landed and CR is at least this number, from 0 to 1.
     render_mode : {"human", "rgb_array", "ansi"}, optional
-        What `render` returns; ``"human"`` opens a window (the extra ``human``).
+        What `render` returns; ``"human"`` opens a window (needs the extra ``human``).
 
     Version History
     ---------------
@@ -137,7 +138,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
 
     @property
     def episode(self) -> tuple[str, int]:
-        """Split and number of the running episode; ``("custom", -1)`` when it was set by hand."""
+        """The split and the number of the current episode; ``("custom", -1)`` if it was set by hand."""
         return self.simulator.episode(0)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
@@ -146,16 +147,16 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         Parameters
         ----------
         seed : int, optional
-            Seeds the sequence of episodes that this and later resets draw, and begins a cycle again.
+            Seeds the sequence of episodes that this and later resets draw, and starts a cycle again.
         options : dict, optional
-            ``split`` and ``episode`` pick an episode. ``start`` ([row, column], ``"anywhere"`` or ``"landing"``),
+            ``split`` and ``episode`` choose an episode. ``start`` ([row, column], ``"anywhere"`` or ``"landing"``),
             ``budget``, ``targets`` (CPP: a mask) or ``devices`` (DH: rows [row, column, data]) set parts of it by hand.
-            ``noise`` False switches shadow fading off.
+            ``noise`` False switches shadow fading off (DH).
 
         Raises
         ------
         ValueError
-            When an option is unknown or does not fit the scenario. Nothing flies then until a reset succeeds.
+            When an option is unknown or does not fit the scenario. Then `step` fails until a reset succeeds.
         """
         self._begun = False
         self._pictures.end([0])
@@ -177,7 +178,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         Raises
         ------
         RuntimeError
-            Before a successful `reset`, and when the episode has ended.
+            Before a successful `reset`, and after the end of the episode.
         ValueError
             When ``action`` is not an integer from 0 to 5.
         """
@@ -192,34 +193,34 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         return self._observe(), state.reward.item(0), state.done.item(0), False, self._info()
 
     def get_state(self) -> EnvState:
-        """Return the state of the episode, to come back to it by `set_state`; a search over many futures does.
+        """Return the state of the episode, so that `set_state` can restore it: for example, to search over many futures.
 
         The generator that draws the next episodes is not part of it.
         """
         return EnvState(self.simulator.get_state(), self._pictures.get_state([0]))
 
     def set_state(self, state: EnvState) -> None:
-        """Go back to a state that `get_state` of an environment of this scenario returned, to the last bit.
+        """Restore a state that `get_state` of an environment of this scenario returned, to the last bit.
 
         Raises
         ------
         ValueError
-            When it is of another scenario. Nothing is changed then.
+            When the state belongs to another scenario. Nothing is changed then.
         """
         self.simulator.set_state(state.simulator)
         self._begun = True
         self._pictures.set_state(state.trails, [0])
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return the actions that have their effect, bool (6,): the name that sb3-contrib's MaskablePPO asks for."""
+        """Return the valid actions, bool (6,). MaskablePPO of sb3-contrib calls a method of this name."""
         return self._mask().astype(np.bool_)
 
     def render(self) -> Any:
-        """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text, by ``render_mode``."""
+        """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text, depending on ``render_mode``."""
         return self._pictures.of(0)
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if one is open."""
         self._pictures.close()
 
     def _mask(self) -> NDArray[np.int8]:

@@ -1,4 +1,4 @@
-"""Which episode a reset starts."""
+"""The choice of the episode that a reset starts."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,16 +13,16 @@ ORDERS = ("random", "cycle")
 
 
 class Episodes:
-    """The episodes that resets start when their options name none.
+    """The episodes that resets start if their options name none.
 
     Parameters
     ----------
     scenario : Scenario
     split : {"train", "validation", "test"}
-        The split of a reset whose options name none.
+        The split of resets whose options name none.
     order : {"random", "cycle"}
-        ``"random"`` draws each episode, with replacement. ``"cycle"`` takes those of the split one after the other, from
-        number 0 on, and begins again after the last.
+        ``"random"`` draws each episode, with replacement. ``"cycle"`` takes the episodes of the split in order,
+        from number 0 on, and starts again after the last.
 
     Raises
     ------
@@ -38,13 +38,13 @@ class Episodes:
         self.restart()
 
     def restart(self) -> None:
-        """Begin the cycles again: the next episode of every split is its first."""
+        """Start the cycles again: the next episode of every split is its first."""
         self._next = dict.fromkeys(SPLITS, 0)
 
     def choose(self, options: Mapping[str, Any], generator: np.random.Generator) -> tuple[SplitName, int]:
-        """Return split and number of the next episode: what ``options`` name, else by the order.
+        """Return the split and the number of the next episode: from ``options`` if they name it, otherwise by the order.
 
-        Exactly one number is drawn whatever is asked for, so that a seeded sequence of resets goes on alike.
+        Every call draws exactly one number, so that the options of one reset do not change the episodes of later ones.
         """
         drawn = int(generator.bit_generator.random_raw()) >> 2
         split = check_split(options["split"]) if "split" in options else self.split

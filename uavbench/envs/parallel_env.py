@@ -1,4 +1,4 @@
-"""The PettingZoo environment: a team in one episode of a batch of one."""
+"""The PettingZoo environment: a team in a simulator with a batch of one episode."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -49,7 +49,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     Agents
     ------
     ``uav_0`` to ``uav_{U−1}``, in the order in which they move: within a step each UAV moves and covers or collects before
-    the next one moves. A UAV that has landed or crashed leaves ``agents``, and frees its cell.
+    the next one moves. A UAV that has landed or crashed leaves ``agents`` and no longer occupies its cell.
 
     Action Space
     ------------
@@ -59,8 +59,8 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     Observation Space
     -----------------
     ``Dict`` of float32: ``local`` (6, l, l), ``global`` (6, ⌊(2M−1)/g⌋, ⌊(2N−1)/g⌋) and ``budget`` (1,), each centred on the
-    UAV. Layers: landing, no_fly, building, target, the other active UAVs (0/1), their budgets at their cells. The last two
-    are not there in a scenario for one UAV, nor ``local`` if l = 0. With ``flat`` all of it as one ``Box``.
+    UAV. Layers: landing, no_fly, building, target, the other active UAVs (0/1), their budgets at their cells. Scenarios for
+    one UAV have only the first four. If l = 0, there is no ``local``. With ``flat`` the space is one ``Box``.
 
     Rewards
     -------
@@ -72,20 +72,20 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
 
     Episode End
     -----------
-    A UAV is terminated when it has landed or its budget is 0; the episode ends with the last. Never truncated.
+    A UAV is terminated when it has landed or its budget is 0; the episode ends when all UAVs are terminated. Never truncated.
 
     Information
     -----------
     For each UAV the keys of `uavbench.envs.env.UAVEnv`, after ``reset`` and every ``step``. Its ``action_mask``, int8 (6,),
-    is 0 where an action cannot have its effect, because of the map or of a UAV that moves later. All others are the team's:
-    ``landed`` says whether all of its UAVs have, ``blocked`` is their sum.
+    is 1 for valid actions; a move to the cell of a UAV that moves later is not valid. All other values are the team's:
+    ``landed`` says whether all of its UAVs have landed, and ``blocked`` is their sum.
 
     Parameters
     ----------
     scenario : str, Path or Scenario
         An id, the path of a TOML file, or a loaded scenario.
     num_uavs : int, optional
-        How many UAVs fly in every episode; by default as many as the episode draws.
+        Number of UAVs in every episode; by default the number that the episode draws.
     local_size, global_scale : int, optional
         l (odd, 0 for no local map) and g; the scenario's by default.
     rewards : mapping of str to float, optional
@@ -93,20 +93,20 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
     budget : (int, int), optional
         Another range of movement budgets; the episodes of all splits are drawn anew with it.
     flat : bool
-        Whether observations are vectors, for libraries that take no dictionaries.
+        Whether each observation is one vector, for libraries that do not accept dictionaries.
     keep_finished : bool
-        Whether ``agents`` are the same at every step of an episode, for libraries that need a fixed set: all of
-        ``possible_agents``. A UAV that has landed or crashed, or that the episode does not have, then stays until the last
-        one is done: its observation is 0 everywhere, its reward 0, its one valid action ``hover``, whatever it is given, and
-        its ``active`` in the info is False. All are terminated together.
+        Whether ``agents`` are all of ``possible_agents`` at every step, for libraries that need a fixed set. A UAV that has
+        landed or crashed, or that the episode does not have, then stays in ``agents`` until the last UAV is done: it hovers
+        whatever action it is given, and its observation is 0 everywhere, its reward 0, ``hover`` its only valid action, and
+        ``active`` in its info False. All agents are terminated together.
     split : {"train", "validation", "test"}
-        Where ``reset`` takes episodes from when its options name none.
+        The split from which ``reset`` takes episodes if its options name none.
     start, safe_action_mask
         As for `uavbench.envs.env.UAVEnv`.
     order, success_cr
         As for `uavbench.envs.env.UAVEnv`.
     render_mode : {"human", "rgb_array", "ansi"}, optional
-        What `render` returns; ``"human"`` opens a window (the extra ``human``).
+        What `render` returns; ``"human"`` opens a window (needs the extra ``human``).
 
     Version History
     ---------------
@@ -143,7 +143,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         self.possible_agents = [f"uav_{u}" for u in range(self.scenario.max_uavs)]
         self.agents: list[str] = []
         self._numbers = {agent: u for u, agent in enumerate(self.possible_agents)}
-        # Each agent has spaces of its own: seeding the samples of one must not seed another's.
+        # Each agent has its own spaces: seeding the space of one agent must not seed those of the others.
         shown = {agent: observation_space(self.scenario, self._observer) for agent in self._numbers}
         self._flattened = shown[self.possible_agents[0]] if flat else None
         self._observation_spaces: dict[str, spaces.Space[Any]] = {**shown}
@@ -156,7 +156,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
 
     @property
     def episode(self) -> tuple[str, int]:
-        """Split and number of the running episode; ``("custom", -1)`` when it was set by hand."""
+        """The split and the number of the current episode; ``("custom", -1)`` if it was set by hand."""
         return self.simulator.episode(0)
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
@@ -175,17 +175,17 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         Parameters
         ----------
         seed : int, optional
-            Seeds the sequence of episodes that this and later resets draw, and begins a cycle again.
+            Seeds the sequence of episodes that this and later resets draw, and starts a cycle again.
         options : dict, optional
-            As for `UAVEnv.reset`; besides ``num_uavs``, and for a team ``start`` as a list of a cell for each UAV and
-            ``budget`` for all or as a list. Unknown options are ignored, as PettingZoo asks.
+            As for `UAVEnv.reset`, and ``num_uavs``. For a team, ``start`` is a list with a cell for each UAV, and ``budget``
+            is one number for all UAVs or a list. Unknown options are ignored, as PettingZoo requires.
 
         Raises
         ------
         ValueError
-            When an option does not fit the scenario.
+            When an option does not fit the scenario. Then `step` fails until a reset succeeds.
         """
-        self.agents = []  # nothing flies until a reset succeeds
+        self.agents = []  # `step` fails until a reset succeeds
         self._pictures.end([0])
         if seed is not None or self._generator is None:
             self._generator = seeding.np_random(seed)[0]
@@ -210,9 +210,9 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         Raises
         ------
         RuntimeError
-            When no UAV flies.
+            Before a successful `reset`, and after the end of the episode.
         ValueError
-            When an agent of ``agents`` has no action, or one that is not an integer from 0 to 5.
+            When the action of an active UAV is missing or not an integer from 0 to 5, or when ``actions`` has an unknown agent.
         """
         acting = self.agents
         if not acting:
@@ -226,28 +226,28 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         return self._observe(acting), rewards, done, dict.fromkeys(acting, False), self._infos(acting)
 
     def get_state(self) -> EnvState:
-        """Return the state of the episode, to come back to it by `set_state`; a search over many futures does.
+        """Return the state of the episode, so that `set_state` can restore it: for example, to search over many futures.
 
         The generator that draws the next episodes is not part of it.
         """
         return EnvState(self.simulator.get_state(), self._pictures.get_state([0]))
 
     def set_state(self, state: EnvState) -> None:
-        """Go back to a state that `get_state` of an environment of this scenario returned, to the last bit.
+        """Restore a state that `get_state` of an environment of this scenario returned, to the last bit.
 
         Raises
         ------
         ValueError
-            When it is of another scenario. Nothing is changed then.
+            When the state belongs to another scenario. Nothing is changed then.
         """
         self.simulator.set_state(state.simulator)
         self.agents = self._remaining()
         self._pictures.set_state(state.trails, [0])
 
     def state(self) -> NDArray[np.float32]:
-        """Return the whole state for a centralised critic, float32 (6, M, N): the layers of a team, not centred.
+        """Return the whole state for a centralised critic, float32 (6, M, N): the layers of a team's observation, not centred.
 
-        Those that are the mission's own follow.
+        If the mission has layers of its own, they follow.
         """
         city, state = self.simulator.city, self.simulator.state
         shared = len(TEAM_LAYERS)
@@ -260,24 +260,24 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         return whole
 
     def render(self) -> Any:
-        """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text, by ``render_mode``."""
+        """Return a picture of the episode: an array (rows, columns, 3) of uint8, or text, depending on ``render_mode``."""
         return self._pictures.of(0)
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if one is open."""
         self._pictures.close()
 
     def _remaining(self) -> list[str]:
-        """Return the agents of the next step."""
+        """Return the agents that take part in the next step."""
         active = [agent for agent in self.possible_agents if self._active(agent)]
         return list(self.possible_agents) if active and self._keep_finished else active
 
     def _active(self, agent: str) -> bool:
-        """Return whether an agent's UAV flies."""
+        """Return whether an agent's UAV is active."""
         return not self.simulator.state.done[0, self._numbers[agent]]
 
     def _chosen(self, actions: Mapping[str, Any]) -> NDArray[Any]:
-        """Return the actions as the simulator wants them; UAVs that do not fly hover."""
+        """Return the actions in the simulator's form; UAVs that are not active hover."""
         flying = [agent for agent in self.agents if self._active(agent)]
         for agent in flying:
             if agent not in actions:
@@ -303,7 +303,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
         return {agent: spaces.flatten(self._flattened, observation) for agent, observation in observations.items()}
 
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
-        """Return fresh information for the agents."""
+        """Return the infos of the agents, in fresh dicts."""
         masks = self.simulator.action_mask().reshape(-1, NUM_ACTIONS)
         each = {"action_mask": masks}
         if self._shows_safe:
@@ -326,11 +326,11 @@ def _state_space(scenario: Scenario) -> spaces.Box:
 
 
 def aec_env(scenario: str | Path | Scenario, **kwargs: Any) -> AECEnv[str, Any, Any]:
-    """Return a team's environment with PettingZoo's other interface (AEC), by its own converter.
+    """Return a team's environment with PettingZoo's other interface (AEC), made by PettingZoo's own converter.
 
     Parameters
     ----------
     scenario, **kwargs
-        As for `UAVParallelEnv`. UAVs still decide on what they saw before the step.
+        As for `UAVParallelEnv`. UAVs still decide on the observations from before the step.
     """
     return cast("Any", parallel_to_aec)(UAVParallelEnv(scenario, **kwargs))

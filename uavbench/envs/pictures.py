@@ -1,4 +1,4 @@
-"""What ``render`` shows, for all adapters: nothing is kept, and nothing imported, unless a mode was asked for."""
+"""What ``render`` shows, for all adapters. Without a render mode nothing is stored, and no drawing library is imported."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ class Pictures:
     ----------
     simulator : Simulator
     mode : {"human", "rgb_array", "ansi"}, optional
-        ``"human"`` shows slot 0 in a window as soon as anything happens.
+        ``"human"`` shows slot 0 in a window after every reset and step.
     """
 
     def __init__(self, simulator: Simulator, mode: str | None) -> None:
@@ -24,33 +24,33 @@ class Pictures:
         self._window: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the window out of copies and pickles: each opens its own when it has something to show."""
+        """Leave the window out of copies and pickles: each copy opens its own window when it has something to show."""
         return {**self.__dict__, "_window": None}
 
     def begin(self, index: Iterable[int]) -> None:
-        """Take note that episodes begin in the slots ``index``."""
+        """Start the trails of the episodes that begin in the slots ``index``."""
         if self._mode is not None:
             self._trails.update({i: Trail(self._simulator, i) for i in index})
             self._show()
 
     def end(self, index: Iterable[int]) -> None:
-        """Take note that no episode runs in the slots ``index`` until one begins."""
+        """Remove the trails of the slots ``index``, in which no episode runs until one begins."""
         for i in index:
             self._trails.pop(i, None)
 
     def extend(self) -> None:
-        """Take note of a step."""
+        """Add the step that was just flown to the trails."""
         if self._mode is not None:
             for trail in self._trails.values():
                 trail.extend()
             self._show()
 
     def get_state(self, index: Sequence[int]) -> list[dict[str, Any] | None]:
-        """Return the ways that are drawn in the slots ``index``; None for one in which nothing is drawn."""
+        """Return the states of the trails in the slots ``index``; None for a slot without a trail."""
         return [self._trails[i].get_state() if i in self._trails else None for i in index]
 
     def set_state(self, states: list[dict[str, Any] | None], index: Sequence[int]) -> None:
-        """Draw the ways of a `get_state` in the slots ``index``, or in all of them its only one; a new way where it is None."""
+        """Restore the trails from `get_state` in the slots ``index``; a single one in all of them. None starts a new trail."""
         self.begin(index)
         for i, state in zip(index, states * (len(index) if len(states) == 1 else 1), strict=True):
             if i in self._trails and state is not None:
@@ -58,7 +58,7 @@ class Pictures:
         self._show()
 
     def of(self, i: int) -> Any:
-        """Return the picture of slot ``i``: an array (rows, columns, 3) of uint8, or text; None in a window or without a mode.
+        """Return the picture of slot ``i``: an array (rows, columns, 3) of uint8, or text; None with a window or no mode.
 
         Raises
         ------
@@ -77,7 +77,7 @@ class Pictures:
         return draw(self._simulator, i, self._trails[i])
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if one is open."""
         if self._window is not None:
             self._window.close()
             self._window = None

@@ -1,4 +1,4 @@
-"""The Gymnasium vector environment: N slots of one simulator."""
+"""The Gymnasium vector environment: a simulator with N slots."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,7 +36,8 @@ from uavbench.world.values import as_integer, as_list, shown
 _RENDER_MODES = [mode for mode in METADATA["render_modes"] if mode != "human"]
 _NO_LIMIT = np.iinfo(np.int64).max
 
-# What `UAVVectorEnv.call` knows: what all slots share, with the vector environment's name for it, and what each has of its own.
+# The names that `UAVVectorEnv.call` accepts: attributes that all slots share, with their names in the vector environment, and
+# those that each slot has for itself.
 _SHARED = {
     "action_space": "single_action_space",
     "observation_space": "single_observation_space",
@@ -47,7 +48,7 @@ _OF_EACH = ("action_masks", "episode", "render", "success_cr")
 
 
 class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
-    """N copies of `uavbench.envs.env.UAVEnv` in one simulator; bit for bit what ``SyncVectorEnv`` of N makes of them.
+    """N copies of `uavbench.envs.env.UAVEnv` in one simulator, with the same results as ``SyncVectorEnv``, bit for bit.
 
     Parameters
     ----------
@@ -57,12 +58,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         N.
     order : {"random", "cycle"}
         As for `uavbench.envs.env.UAVEnv`, except that all slots share one cycle: each slot that is reset takes the next
-        episode. (The environments of a ``SyncVectorEnv`` know nothing of each other, and each goes through all episodes.)
+        episode. (In a ``SyncVectorEnv`` each environment has its own cycle, and goes through all episodes.)
     max_episode_steps : int, optional
-        Truncates episodes after so many steps, as Gymnasium's ``TimeLimit`` does; None or −1 for no limit.
+        Truncates episodes after this number of steps, as Gymnasium's ``TimeLimit`` does; None or −1 for no limit.
     threads : int
-        How many threads share the slots of a step, with the same results to the last bit. One by default, so that many
-        environments on a machine do not fight for its cores. It pays for large batches: see docs/performance.md.
+        Number of threads that share the slots of a step, with the same results to the last bit. One by default, so that
+        many environments on one machine do not compete for its cores. More help with large batches: see docs/performance.md.
     autoreset_mode : AutoresetMode or str
         ``"NextStep"`` (default), ``"SameStep"`` or ``"Disabled"``.
     """
@@ -117,12 +118,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
     @property
     def episode(self) -> tuple[tuple[str, int], ...]:
-        """Split and number of every slot's running episode; ``("custom", -1)`` where it was set by hand."""
+        """The split and the number of every slot's current episode; ``("custom", -1)`` if it was set by hand."""
         return tuple(self.simulator.episode(i) for i in range(self.num_envs))
 
     @property
     def success_cr(self) -> tuple[float, ...]:
-        """The least CR of a success, for every slot; `set_attr` changes it."""
+        """The CR that a success needs at least, for every slot; `set_attr` changes it."""
         return tuple(self._success_cr.tolist())
 
     def reset(
@@ -141,7 +142,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         Raises
         ------
         ValueError, TypeError
-            When an option or the seeds do not fit. Nothing flies then until a reset succeeds.
+            When an option or the seeds do not fit. Then `step` fails until a reset succeeds.
         """
         self._ready = False
         given = {"start": self._start_option, **check_options(options, self.simulator.mission, extra=("reset_mask",))}
@@ -160,7 +161,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             for i in slots:
                 self.simulator.customise(i, given)
         except ValueError:
-            self.simulator.state.done[index] = True  # they do not fly either after a reset of other slots
+            self.simulator.state.done[index] = True  # a later reset of other slots must not let these fly
             self._pictures.end(slots)
             raise
         self._pictures.begin(index.tolist())
@@ -170,12 +171,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def step(
         self, actions: Any
     ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Fly one action in every slot; the autoreset mode says what happens to those whose episode has ended.
+        """Fly one action in every slot; the autoreset mode decides what happens in slots whose episode has ended.
 
         Raises
         ------
         RuntimeError
-            Before a successful `reset`, and when ``autoreset_mode`` is ``"Disabled"`` and an episode has ended.
+            Before a successful `reset`; and with ``autoreset_mode="Disabled"``, when an episode has ended and was not reset.
         ValueError
             When the actions are not N integers from 0 to 5.
         """
@@ -183,7 +184,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise RuntimeError("step() before a successful reset(): call reset() first")
         state = self.simulator.state
         done = state.done[:, 0]
-        before = done.copy() if self._limit == _NO_LIMIT else done | (self._elapsed >= self._limit)  # whose episode has ended
+        before = done.copy() if self._limit == _NO_LIMIT else done | (self._elapsed >= self._limit)  # whose episode is over
         waiting = before.nonzero()[0]
         if len(waiting) and self.autoreset_mode is not AutoresetMode.NEXT_STEP:
             raise RuntimeError(f"step() after the end of the episodes in slots {waiting.tolist()}: reset them first")
@@ -193,7 +194,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if self._limit == _NO_LIMIT:
             truncated = np.zeros(self.num_envs, dtype=np.bool_)
         else:
-            rewards[waiting] = 0.0  # the simulator flies on where only the limit ended an episode
+            rewards[waiting] = 0.0  # if only the limit ended an episode, the simulator has flown on
             truncated = (self._elapsed >= self._limit) > before
         self._pictures.extend()
         final: dict[str, Any] = {}
@@ -207,12 +208,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return self._observe(self._all), rewards, terminated, truncated, {**final, **self._info(self._all)}
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Return, for every slot, its environment's attribute ``name``, or what this method returns, as ``SyncVectorEnv`` does.
+        """Return the attribute ``name`` of every slot, or if it is a method, what it returns, as ``SyncVectorEnv`` does.
 
         Raises
         ------
         AttributeError
-            When ``name`` is none of ``action_masks``, ``action_space``, ``episode``, ``observation_space``, ``render``,
+            When ``name`` is not one of ``action_masks``, ``action_space``, ``episode``, ``observation_space``, ``render``,
             ``render_mode``, ``scenario`` and ``success_cr``.
         """
         if name in _SHARED:
@@ -224,7 +225,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return (None,) * self.num_envs if each is None else tuple(each)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of every slot's environment: see `call`."""
+        """Return an attribute of every slot: see `call`."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -246,7 +247,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._success_cr = np.array([check_success(value) for value in each])
 
     def get_state(self, index: ArrayLike | None = None) -> EnvState:
-        """Return the state of the episodes in the slots ``index`` (by default in all), to come back to them by `set_state`.
+        """Return the state of the episodes in the slots ``index`` (all by default), so that `set_state` can restore it.
 
         The generators that draw the next episodes are not part of it.
         """
@@ -254,12 +255,12 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return EnvState(self.simulator.get_state(index), self._pictures.get_state(slots), self._elapsed[slots])
 
     def set_state(self, state: EnvState, index: ArrayLike | None = None) -> None:
-        """Put the slots ``index`` (by default all) into a state that `get_state` returned, to the last bit.
+        """Restore a state that `get_state` returned in the slots ``index`` (all by default), to the last bit.
 
         Parameters
         ----------
         state : EnvState
-            Of as many slots, or of one, which then all of them get; of any environment of the scenario.
+            A state of as many slots, or of one slot, which all of them then get; from any environment of the scenario.
         index : array_like of int, shape (K,), optional
             The slots.
 
@@ -274,7 +275,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._pictures.set_state(state.trails, self._listed(index))
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return the actions that have their effect, bool (N, 6)."""
+        """Return the valid actions, bool (N, 6)."""
         return self.simulator.action_mask().astype(np.bool_)
 
     def render(self) -> tuple[Any, ...] | None:
@@ -284,7 +285,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return tuple(self._pictures.of(i) for i in range(self.num_envs))
 
     def _listed(self, index: ArrayLike | None) -> list[int]:
-        """Return slots as a list; all of them where ``index`` is None."""
+        """Return slots as a list; all of them if ``index`` is None."""
         return (self._all if index is None else np.asarray(index)).tolist()
 
     def _restart(self, index: NDArray[np.int64]) -> None:
@@ -298,7 +299,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._pictures.begin(slots)
 
     def _generator(self, i: int) -> np.random.Generator:
-        """Return slot ``i``'s generator, seeded by the system if nobody has seeded it."""
+        """Return the generator of slot ``i``; if nobody has seeded it, it gets a random seed."""
         generator = self._generators[i]
         if generator is None:
             generator = self._generators[i] = seeding.np_random()[0]
@@ -318,7 +319,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._pictures.begin(index.tolist())
 
     def _observe(self, index: NDArray[np.int64]) -> Observation:
-        """Return fresh arrays with the observations of the slots ``index`` in their places."""
+        """Return fresh arrays for all slots, with the observations of the slots ``index``."""
         batch = self._observer.empty(self.num_envs)
         self._observer.write(self.simulator.state, index, batch, self.simulator.threads)
         if self._form.plain:
@@ -330,7 +331,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return whole
 
     def _final(self, over: NDArray[np.int64]) -> dict[str, Any]:
-        """Return what ``SAME_STEP`` keeps of the episodes that ended: their last observations and information."""
+        """Return the last observations and infos of the episodes that ended, which ``SAME_STEP`` puts into the infos."""
         batch = self._observe(over)
         final = np.full(self.num_envs, None, dtype=object)
         for i in over.tolist():
@@ -344,10 +345,10 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         }
 
     def _info(self, index: NDArray[np.int64]) -> dict[str, Any]:
-        """Return the batched information about the slots ``index``, with zeros in the places of the others."""
+        """Return the batched infos of the slots ``index``, with zeros for the other slots."""
         safe = {"safe_action_mask": self.simulator.safe_action_mask()} if self._shows_safe else {}
         known = {"action_mask": self.simulator.action_mask(), **safe, **information(self.simulator, self._success_cr)}
-        flags = np.full((len(known), self.num_envs), fill_value=True)  # a row for each, which nobody else holds
+        flags = np.full((len(known), self.num_envs), fill_value=True)  # a row for each value, so that no array is shared
         if len(index) < self.num_envs:
             flags[:, ~self._flags(index)] = False
             for values in known.values():
@@ -355,7 +356,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return {**known, **dict(zip(self._flag_names(known), flags, strict=True))}
 
     def _flag_names(self, known: dict[str, Any]) -> list[str]:
-        """Return the names under which Gymnasium tells in which slots each value means something; they never change."""
+        """Return the names of the flags that say, as in Gymnasium, for which slots each value is set. They never change."""
         if not self._names:
             self._names = [f"_{name}" for name in known]
         return self._names
@@ -387,7 +388,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         return list(seed)
 
     def _episode_options(self, given: dict[str, Any], slots: list[int]) -> dict[int, dict[str, Any]]:
-        """Return the options that pick the episode of each of the ``slots``: ``episode`` may be a sequence of N numbers."""
+        """Return the options of each of the ``slots``: ``episode`` may be a sequence of N numbers."""
         numbers = as_list(given.get("episode"))
         if numbers is None:
             return dict.fromkeys(slots, given)
@@ -397,7 +398,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
 
 
 def _check_threads(threads: object) -> int:
-    """Return a number of threads, or refuse what is none."""
+    """Return a number of threads; raise a ValueError if it is not an integer of at least 1."""
     number = as_integer(threads)
     if number is None or number < 1:
         raise ValueError(f"threads: {shown(threads)} is not an integer from 1 on")
@@ -405,7 +406,7 @@ def _check_threads(threads: object) -> int:
 
 
 def _check_limit(steps: object) -> int:
-    """Return after how many steps episodes are truncated, `_NO_LIMIT` where they are not."""
+    """Return the number of steps after which episodes are truncated; `_NO_LIMIT` if they never are."""
     limit = as_integer(steps)
     if steps is None or limit == -1:
         return _NO_LIMIT

@@ -1,4 +1,4 @@
-"""The evaluation that a program asks for in one call: an agent, as an object or by its name, on a scenario."""
+"""Evaluating an agent on a scenario with one call, and comparing two results."""
 
 import shutil
 import tempfile
@@ -19,11 +19,11 @@ from uavbench.world.episode import check_split, split_size
 from uavbench.world.scenario import Scenario, load_scenario
 from uavbench.world.values import as_integer, shown
 
-_TRAIN_EPISODES = 1000  # of the train split, when no number is asked for
+_TRAIN_EPISODES = 1000  # of the train split, if no number is given
 
 
 class Options(TypedDict, total=False):
-    """Keyword arguments of `evaluate` that are seldom needed."""
+    """The keyword arguments of `evaluate` that are seldom needed."""
 
     name: str | None
     weights: str | Path | None
@@ -47,26 +47,28 @@ def evaluate(
     Parameters
     ----------
     agent : object, class, str or Path
-        An agent or a class of agents; or a built-in's name (``"greedy"``), the path of a Python file, an ONNX model or
-        weights, as the command ``uavbench evaluate --agent`` takes them.
+        An agent, or a class that makes one from a scenario; or, as in ``uavbench evaluate --agent``, the name of a built-in
+        agent (``"greedy"``), or the path of a Python file, an ONNX model or weights.
     scenario : str, Path or Scenario
         An id, the path of a TOML file, or a loaded scenario.
     split : {"train", "validation", "test"}
-        The split.
+        The split whose episodes are flown.
     episodes : int, optional
-        How many of its episodes: numbers 0 to ``episodes`` − 1. By default all, and 1,000 of the train split.
+        How many episodes are flown: those with the numbers 0 to ``episodes`` − 1. By default all, but 1,000 of the train split.
     workers : int
-        Processes that fly. With 0 the agent flies in this process. An object in memory must be picklable to fly in others.
+        Number of processes in which the agent flies. With 0 it flies in this process. To fly in others, an object in memory
+        must be picklable.
     out : str or Path, optional
-        Where the result is written: ``out/<scenario>/<agent>``. By default to a folder that is removed with the result.
+        Where the result is written: ``out/<scenario>/<agent>``. By default to a temporary folder, which is removed
+        when the result is no longer used.
     name : str, optional
-        What the result is filed under; by default the name of the agent's file or class.
+        The agent's name in the result; by default the name of its file or class.
     weights : str or Path, optional
-        Weights for a Python file.
+        The file of the weights, for an agent from a Python file.
     decision_timeout : float, optional
-        Seconds that one decision may take, 60 by default; None for any time.
+        Seconds that one decision may take, 60 by default; None for no limit.
     overwrite : bool
-        Whether a finished result of something else in ``out`` may be replaced.
+        Whether a finished result in ``out`` of another agent or another job may be replaced.
     on_record : callable
         Called with the `EpisodeRecord` of every episode when it ends, to show progress.
 
@@ -78,8 +80,8 @@ def evaluate(
     Raises
     ------
     UavbenchError
-        When the scenario, the agent, the split or the number of episodes does not exist, the agent fails, or the result
-        cannot be written.
+        When the scenario, the agent, the split or an episode does not exist, the agent fails, or the result cannot be
+        written.
 
     Examples
     --------
@@ -126,7 +128,7 @@ def evaluate(
 
 
 def _source(agent: Any, weights: str | Path | None, name: str | None) -> AgentSource:
-    """Return where an agent comes from."""
+    """Return the source of an agent."""
     if isinstance(agent, str | Path):
         return find_agent(str(agent), None if weights is None else Path(weights), name)
     return agent if isinstance(agent, AgentSource) else ObjectSource.of(agent, name)
@@ -138,7 +140,7 @@ def compare(first: Result | str | Path, second: Result | str | Path) -> dict[str
     Parameters
     ----------
     first, second : Result, str or Path
-        Results, or their folders; of the same scenario and split.
+        Results of the same scenario and split, or their folders.
 
     Returns
     -------

@@ -1,1 +1,1 @@
-"""Adapters for other libraries, each of which is imported only where its adapter is used."""
+"""Adapters for other libraries. Each library is imported only by its adapter's module."""

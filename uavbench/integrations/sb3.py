@@ -20,8 +20,8 @@ from uavbench.world.scenario import Scenario
 class VecEnv(_VecEnv):
     """N environments of a scenario for Stable-Baselines3 and sb3-contrib.
 
-    It gives the same observations, rewards, ends and infos of ended episodes as ``DummyVecEnv`` of N single environments, bit
-    for bit, in a fraction of the time. ``VecMonitor``, ``VecNormalize`` and ``MaskablePPO`` work on it.
+    It gives the same observations, rewards, dones and infos of ended episodes as ``DummyVecEnv`` with N single environments,
+    bit for bit, in a fraction of the time. ``VecMonitor``, ``VecNormalize`` and ``MaskablePPO`` work on it.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ class VecEnv(_VecEnv):
     num_envs : int
         N.
     every_info : bool
-        Whether ``infos`` tell of every slot at every step, as ``DummyVecEnv`` does. By default only the infos of episodes that
-        have ended hold anything, as making N dictionaries takes longer than the step.
+        Whether ``infos`` are filled for every slot at every step, as in ``DummyVecEnv``. By default only the infos of episodes
+        that have just ended are filled, because filling N dictionaries takes longer than the step.
     **kwargs
         As for `uavbench.envs.vector_env.UAVVectorEnv`, except ``autoreset_mode``.
 
@@ -58,7 +58,7 @@ class VecEnv(_VecEnv):
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
     def reset(self) -> dict[str, NDArray[np.float32]]:
-        """Start an episode in every slot, by the seeds of `seed` if it was called; return the observations."""
+        """Start an episode in every slot, with the seeds from `seed` if it was called; return the observations."""
         seeds, options = list(self._seeds), self._options[0]
         if any(each != options for each in self._options):
             raise ValueError("options: they differ between the environments; a VecEnv of uavbench takes the same for all")
@@ -70,13 +70,13 @@ class VecEnv(_VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the actions of the next step, shape (N,)."""
+        """Store the actions of the next step, shape (N,)."""
         self._actions = np.asarray(actions)
 
     def step_wait(
         self,
     ) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Fly one action in every slot; where an episode ends, the next one begins."""
+        """Fly one action in every slot; if an episode ends, the next one begins in the same step."""
         observations, rewards, terminated, truncated, infos = self.envs.step(self._actions)
         dones = terminated | truncated
         over: list[int] = np.flatnonzero(dones).tolist()
@@ -94,7 +94,7 @@ class VecEnv(_VecEnv):
 
     @staticmethod
     def _infos(infos: dict[str, Any], slots: Sequence[int]) -> list[dict[str, Any]]:
-        """Return the infos of some slots, each as a single environment has it."""
+        """Return the infos of some slots, each as a single environment returns it."""
         names = [name for name in infos if f"_{name}" in infos and name not in ("final_info", "final_obs")]
         return [{name: infos[name][i] for name in names} for i in slots]
 
@@ -103,21 +103,21 @@ class VecEnv(_VecEnv):
         self.envs.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the slots' environments: see `uavbench.envs.vector_env.UAVVectorEnv.call`."""
+        """Return an attribute of slots: see `uavbench.envs.vector_env.UAVVectorEnv.call`. ``spec`` is None."""
         if attr_name == "spec":
             return [None for _ in self._get_indices(indices)]
         values = self.envs.call(attr_name)
         return [values[i] for i in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set ``success_cr`` in some slots; ``render_mode`` cannot be changed any more."""
+        """Set ``success_cr`` in some slots; no other attribute can be set."""
         values = list(self.envs.get_attr(attr_name))
         for i in self._get_indices(indices):
             values[i] = value
         self.envs.set_attr(attr_name, values)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method of the slots' environments: ``action_masks`` or ``render``."""
+        """Call a method of slots: ``action_masks`` or ``render``."""
         values = self.envs.call(method_name, *method_args, **method_kwargs)
         return [values[i] for i in self._get_indices(indices)]
 

@@ -1,4 +1,4 @@
-"""The static world of a scenario: its layers, lines of sight and distances."""
+"""The city of a scenario, its static world: layers, lines of sight and distances."""
 
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
@@ -26,12 +26,12 @@ def neighbour(cell: tuple[int, int], action: int) -> tuple[int, int]:
 
 
 def action_between(cell: tuple[int, int], other: tuple[int, int]) -> int:
-    """Return the move from ``cell`` to its neighbour ``other``, or ``HOVER`` where both are the same cell."""
+    """Return the move from ``cell`` to its neighbour ``other``, or ``HOVER`` if both are the same cell."""
     return _OFFSETS.index((other[0] - cell[0], other[1] - cell[1]))
 
 
 class City:
-    """The static world. All arrays are read-only; M is the number of rows, N that of columns.
+    """The static world of an episode. All arrays are read-only; M is the number of rows, N the number of columns.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class City:
     action_mask : ndarray of int8, shape (M, N, 6)
         1 for the valid actions at a cell: a move that is not blocked, ``hover``, and ``land`` in a landing zone.
     distance_to_landing : ndarray of int32, shape (M, N)
-        Moves from a cell to the nearest landing cell; −1 where no way leads to one.
+        Number of moves from a cell to the nearest landing cell; −1 if none can be reached.
     """
 
     def __init__(self, rows: Sequence[str]) -> None:
@@ -64,14 +64,14 @@ class City:
                 array.flags.writeable = False
 
     def distances(self, cell: Sequence[int], avoid: Iterable[tuple[int, int]] = ()) -> NDArray[np.int32]:
-        """Return how many moves every cell is away from ``cell``; shape (M, N), −1 where no way leads there.
+        """Return the number of moves from ``cell`` to every cell, shape (M, N); −1 for cells that cannot be reached.
 
         Parameters
         ----------
         cell : (int, int)
             The cell to measure from.
         avoid : iterable of (int, int)
-            Cells that count as no-fly cells, too: those of other UAVs.
+            Cells that count as no-fly cells too, for example those of other UAVs.
         """
         closed = self.no_fly
         for n, held in enumerate(avoid):
@@ -82,18 +82,18 @@ class City:
     def safe_action_mask(self, positions: NDArray[np.integer[Any]], budgets: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
         """Return the safe actions: those after which a UAV can still land within its budget, or has landed; bool, shape (B, 6).
 
-        Where no action is safe, all are returned as safe: the UAV crashes whatever it does. Other UAVs are not considered.
+        If no action is safe, all are returned as safe, because the UAV crashes whatever it does. Other UAVs are not considered.
 
         Parameters
         ----------
         positions : ndarray of int, shape (B, 2)
-            Cells from which a way leads to a landing cell.
+            Cells from which a landing cell can be reached.
         budgets : ndarray of int, shape (B,)
             Actions left.
         """
         row, col = positions[:, 0], positions[:, 1]
         mask = self.action_mask[row, col] > 0
-        there = positions[:, None] + mask[..., None] * OFFSETS  # what is blocked stays
+        there = positions[:, None] + mask[..., None] * OFFSETS  # after an action that is not valid, the UAV stays
         possible = self.distance_to_landing[there[..., 0], there[..., 1]] + 1 <= budgets[:, None] - 1
         possible[:, LAND] |= self.landing[row, col]
         return possible | ~possible.any(axis=1, keepdims=True)
@@ -104,9 +104,9 @@ class City:
         Parameters
         ----------
         distance : ndarray of int, shape (M, N)
-            Moves from every cell to a goal, −1 where there is no way: from `distances`, or `distance_to_landing`.
+            Moves from every cell to a goal, −1 if it cannot be reached: from `distances`, or `distance_to_landing`.
         cell : (int, int)
-            A cell with a way to the goal, and not the goal itself.
+            A cell from which the goal can be reached, and which is not the goal itself.
 
         Raises
         ------
@@ -132,7 +132,7 @@ def _city_of_rows(rows: tuple[str, ...]) -> City:
 
 
 def city_of(scenario: Scenario) -> City:
-    """Return the scenario's city; scenarios on one map share it."""
+    """Return the scenario's city; scenarios with the same map share it."""
     return _city_of_rows(scenario.rows)
 
 
@@ -173,7 +173,7 @@ def _distances(no_fly: NDArray[np.bool_], sources: NDArray[np.int32]) -> NDArray
 
 @kernel
 def mark_visible(building: NDArray[np.bool_], r: int, c: int, steps: int, seen: NDArray[np.bool_]) -> None:
-    """Mark in ``seen`` the cells that are visible from (r, c) and at most ``steps`` moves away, by a ray to each border cell.
+    """Cast a ray from (r, c) to each border cell; mark in ``seen`` the visible cells that are at most ``steps`` moves away.
 
     Visibility is not symmetric: camera rays start at the UAV, radio rays at the device.
     """
@@ -201,9 +201,9 @@ def _cast(
 ) -> None:
     """Mark the cells on the ray from (r0, c0) to (r1, c1) before its first building, at most ``steps`` moves away.
 
-    The source itself is not looked at: a ray leaves a building (as in uavSim, where no UAV or device is ever in one).
-    A variant of Bresenham's line in which one step moves one axis only, as uavSim has it. ``building`` and ``seen`` are
-    flattened, and the step is selected without a branch: which axis is next is what a processor cannot predict.
+    The source cell is not checked, so a ray may start in a building (as in uavSim, where no UAV or device is ever in one).
+    This is a variant of Bresenham's line in which one step moves along one axis only, as in uavSim. ``building`` and ``seen``
+    are flattened, and the step is selected without a branch, because a processor cannot predict which axis is next.
     """
     dx, dy = abs(c0 - c1), -abs(r0 - r1)
     step_c, step_r = (1 if c1 > c0 else -1), (cols if r1 > r0 else -cols)

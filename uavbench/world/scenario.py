@@ -1,6 +1,6 @@
-"""What a scenario is: everything fixed under one id. Load, validate, identify.
+"""Scenarios: everything that is fixed under one id. Loading, validation, digests.
 
-Source: Theile et al., ICAR 2021; the values of the shipped scenarios stand in ``scenarios/*.toml``.
+Source: Theile et al., ICAR 2021; the values of the shipped scenarios are in ``scenarios/*.toml``.
 """
 
 import difflib
@@ -34,7 +34,7 @@ from uavbench.world.parameters import (
 from uavbench.world.registry import read_mission
 from uavbench.world.values import as_integer
 
-_TABLE_BYTES = 2**30  # of what is computed in advance for the local observation
+_TABLE_BYTES = 2**30  # the largest table that may be computed in advance for the local observation
 
 SplitName = Literal["train", "validation", "test"]
 SPLITS: tuple[SplitName, ...] = ("train", "validation", "test")
@@ -52,7 +52,7 @@ class Split(Record):
     episodes : int
         Number of episodes.
     file : str, optional
-        The frozen episodes, relative to the scenario's file; without it they are drawn from their keys.
+        The file of frozen episodes, relative to the scenario's file; without it, episodes are drawn from their keys.
     sha256 : str, optional
         SHA-256 of that file.
     """
@@ -76,7 +76,7 @@ class Splits(Record):
 
 
 class _Budget(Record):
-    """The range of budgets, checked apart from a scenario."""
+    """A range of budgets, to check it without a scenario."""
 
     budget: tuple[Count, Count]
 
@@ -89,21 +89,21 @@ class Scenario(Record):
     Attributes
     ----------
     id : str
-        The name, ending in its version: ``Manhattan32-CPP-v0``.
+        The name with its version at the end: ``Manhattan32-CPP-v0``.
     title : str
-        One line for tables.
+        A description of one line, for tables.
     map : str
-        The map's file, relative to the scenario's; see `rows`.
+        The map's file, relative to the scenario's file; see `rows`.
     budget : (int, int)
-        Least and most movement budget of an episode; in a team each UAV has its own.
+        Smallest and largest movement budget of an episode; in a team each UAV has its own.
     uavs : (int, int), optional
-        Least and most UAVs of an episode, at most 16. Given, the scenario is a team's; without, one UAV flies alone.
+        Smallest and largest number of UAVs of an episode, at most 16. If given, the scenario is for a team, else for one UAV.
     rewards, observation, mission, splits
         See their classes.
     rows : tuple of str
-        The map, one character a cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building.
+        The map, one character per cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building.
     path : Path
-        The file it was read from.
+        The file that the scenario was read from.
     """
 
     id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
@@ -149,31 +149,31 @@ class Scenario(Record):
 
     @property
     def observation_bytes(self) -> int:
-        """Bytes that the observation of one UAV takes."""
+        """Size in bytes of the maps in the observation of one UAV, without layers that are the mission's own."""
         (rows, cols), sizes = self.shape, self.observation
         cells = sizes.local_size**2 + (2 * rows - 1) // sizes.global_scale * ((2 * cols - 1) // sizes.global_scale)
         return 4 * (6 if self.team else 4) * cells
 
     @property
     def team(self) -> bool:
-        """Whether UAVs fly as a team, and see each other, even if an episode has only one."""
+        """Whether the scenario is for a team, whose UAVs see each other; an episode may still have only one UAV."""
         return self.uavs is not None
 
     @property
     def max_uavs(self) -> int:
-        """Most UAVs of an episode."""
+        """The largest number of UAVs of an episode."""
         return self.uavs[1] if self.uavs else 1
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of everything that defines the scenario; titles and file names do not."""
+        """SHA-256 of everything that defines the scenario; the title and the names of files are not part of it."""
         parts = self.model_dump(mode="json", exclude={"title", "map", "path"}, exclude_defaults=True)
         for part in (parts["mission"], *parts.get("splits", {}).values()):
-            part.pop("file", None)  # its SHA-256 stays
+            part.pop("file", None)  # the SHA-256 of the file remains in the digest
         return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
     def with_observation(self, local_size: int | None = None, global_scale: int | None = None) -> "Scenario":
-        """Return the same scenario observed with another local size or global scale.
+        """Return the same scenario with another local size or global scale of the observation.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class Scenario(Record):
             raise ValueError(f"rewards.{_first(error)}") from None
 
     def with_budget(self, low: int, high: int) -> "Scenario":
-        """Return the same scenario with another range of movement budgets. Its episodes are drawn anew, as no frozen ones fit.
+        """Return the same scenario with another range of movement budgets. Its episodes are drawn anew; none are frozen.
 
         Raises
         ------
@@ -243,8 +243,8 @@ class Scenario(Record):
         cells : array_like of str, shape (M, N), or M texts of N characters
             ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building; both sides from 4 to 1,024.
         like : str, Path or Scenario
-            Where everything else comes from: mission, budget, rewards, observation. Sizes of the observation that exceed the
-            map are made smaller.
+            The scenario from which everything else is taken: mission, budget, rewards, observation. Observation sizes that are
+            too large for the map are reduced.
         **changes
             Fields of `Scenario` that differ, for example ``id="Harbour-CPP-v0"``, ``budget=(40, 90)``, ``uavs=(1, 3)``.
 
@@ -271,12 +271,12 @@ class Scenario(Record):
             raise ScenarioError(f"from_array: {_first(error).replace('rows', 'map', 1)}") from None
 
     def with_uavs(self, number: SupportsIndex) -> "Scenario":
-        """Return the same scenario with ``number`` UAVs in every episode: those that it draws first.
+        """Return the same scenario with ``number`` UAVs in every episode: those that the episode draws first.
 
         Raises
         ------
         ValueError
-            When the scenario is not a team's, or has fewer.
+            When the scenario is not for a team, or ``number`` is not from 1 to its largest number of UAVs.
         """
         if self.uavs is None:
             raise ValueError(f"num_uavs: {self.id} is for one UAV; the scenarios for teams have Team in their ids")
@@ -287,12 +287,12 @@ class Scenario(Record):
 
     def _changed(self, **changes: object) -> "Scenario":
         copy = self.model_copy(update=changes)
-        vars(copy).pop("digest", None)  # cached, of the scenario copied from
+        vars(copy).pop("digest", None)  # the cached digest is that of the original
         return copy
 
 
 def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
-    """Refuse observation sizes that the centred map does not hold."""
+    """Raise a ValueError if observation sizes exceed the centred map, or need too large a table."""
     largest = 2 * min(shape) - 1
     for name, size in observation.model_dump().items():
         if size > largest:
@@ -308,7 +308,7 @@ def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
 
 
 def _check_map(rows: tuple[str, ...]) -> None:
-    """Refuse a map that is ragged, too small or large, misspelt, without a landing cell, or with one out of reach."""
+    """Raise a ValueError if a map has unequal rows, a wrong size, unknown cells, or no or an unreachable landing cell."""
     if not rows or not 4 <= len(rows) <= 1024 or not 4 <= len(rows[0]) <= 1024:
         raise ValueError(f"{len(rows)} rows × {len(rows[0]) if rows else 0} columns: both must be 4 to 1024")
     for r, row in enumerate(rows):
@@ -338,13 +338,13 @@ def _check_map(rows: tuple[str, ...]) -> None:
 
 
 _MAP_BYTES = 2**21  # twice what the largest map takes
-_TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's names of errors where a table was expected
+_TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's types of errors for values that should be tables
 _REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
 
 
 def _first(error: ValidationError) -> str:
-    """Say the first thing wrong as ``field: reason``, and how many more there are."""
-    # An unknown key first: a misspelt one is also a missing one, and that says less.
+    """Return the first error as ``field: reason``, and how many more there are."""
+    # Unknown keys first: a misspelt key also causes the error that a key is missing, which is less helpful.
     first = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")[0]
     place = ".".join(str(part) for part in first["loc"])
     reason = _REASONS.get(first["type"], first["msg"].removeprefix("Value error, "))
@@ -357,7 +357,7 @@ def _first(error: ValidationError) -> str:
 
 
 def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
-    """Read a map's rows."""
+    """Read the rows of a map."""
     try:
         return tuple(read_text(path, _MAP_BYTES).rstrip().split("\n"))
     except FileError as error:
@@ -365,7 +365,7 @@ def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
 
 
 def _load(path: Path, run_code: bool = True) -> Scenario:
-    """Load the TOML file ``path``, and the map and the mission's file that it names."""
+    """Load the TOML file ``path``, the map that it names, and the mission's Python file if it names one."""
     try:
         values = read_toml(path)
     except FileError as error:
@@ -390,28 +390,28 @@ def _load(path: Path, run_code: bool = True) -> Scenario:
 
 
 def _absolute(path: Path) -> Path:
-    """Return where a scenario's file is."""
+    """Return the absolute path of a scenario's file."""
     try:
         return path.expanduser().resolve()
-    except (OSError, RuntimeError, ValueError) as error:  # of links in a circle, an unknown user's ~, a NUL
+    except (OSError, RuntimeError, ValueError) as error:  # a cycle of links, ~ with an unknown user, a NUL
         raise ScenarioError(f"{one_line(path)}: no file can have this name: {one_line(error)}") from None
 
 
 def load_scenario(id_or_path: str | Path, run_code: bool = True) -> Scenario:
-    """Load a shipped scenario by its id, or a user's own by the path of its TOML file.
+    """Load a shipped scenario by its id, or your own by the path of its TOML file.
 
     Parameters
     ----------
     id_or_path : str or Path
         ``"Manhattan32-CPP-v0"``, or a path that ends in ``.toml``.
     run_code : bool
-        Whether a scenario may name a Python file that defines its mission, which is imported then. Pass False where a
+        Whether a scenario may name a Python file that defines its mission; the file is then imported. Pass False if a
         stranger may have chosen the path.
 
     Raises
     ------
     ScenarioError
-        When there is no such scenario, or it is not valid; the message names file, field and reason.
+        When there is no such scenario, or it is not valid; the message names the file, the field and the reason.
 
     Examples
     --------
