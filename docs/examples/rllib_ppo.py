@@ -31,7 +31,7 @@ def train(scenario, steps, batch=4000):
     config = (
         PPOConfig()
         .environment("uavbench", env_config={"scenario": scenario})
-        .env_runners(num_env_runners=1)
+        .env_runners(num_env_runners=1, sample_timeout_s=600)  # a busy machine may be slow
         .multi_agent(policies={"uav"}, policy_mapping_fn=lambda agent, episode, **more: "uav")
         .training(train_batch_size_per_learner=batch, num_epochs=4, gamma=0.97, entropy_coeff=0.02)
         .rl_module(model_config={"fcnet_hiddens": [256, 256]})

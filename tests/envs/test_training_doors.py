@@ -99,3 +99,10 @@ def test_without_being_asked_nothing_changes():
         assert b.keys() == d.keys()
         assert all(np.array_equal(a[name], c[name]) for name in a)
         assert plain.episode == asked.episode
+
+
+@pytest.mark.parametrize("make", [uavbench.make, uavbench.make_vec, uavbench.parallel_env, uavbench.parallel_vec])
+def test_an_unknown_argument_is_refused_in_pythons_own_words(make):
+    """TorchRL tries ``frameskip``, and goes on without it if it reads these words."""
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'"):
+        make("Block8-CPP-v0", frameskip=1)

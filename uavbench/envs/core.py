@@ -49,7 +49,8 @@ def load(scenario: str | Path | Scenario, **changes: Unpack[Changes]) -> Scenari
     rewards, budget = changes.pop("rewards", None), changes.pop("budget", None)
     for name in changes:
         if name not in Changes.__annotations__:
-            raise TypeError(f"{name}: an environment has no such argument")
+            # In Python's own words, for which TorchRL looks when it tries arguments out.
+            raise TypeError(f"got an unexpected keyword argument {name!r}: an environment has no such argument")
     if rewards is not None:
         loaded = loaded.with_rewards(**rewards)
     if budget is not None:
