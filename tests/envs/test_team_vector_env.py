@@ -63,6 +63,7 @@ def test_episodes_are_chosen_as_everywhere():
         (lambda envs: envs.reset(seed=[1]), ValueError, "1 seeds for 2"),
         (lambda envs: envs.reset(options={"wind": 1}), ValueError, "unknown option 'wind'"),
         (lambda envs: uavbench.parallel_vec(NAMES[0], 0), ValueError, "num_envs: 0"),
+        (lambda envs: uavbench.parallel_vec(NAMES[0], 2, threads=0), ValueError, "threads: 0 is not an integer from 1 on"),
     ],
 )
 def test_what_does_not_fit_says_so(call, error, reason):

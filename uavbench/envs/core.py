@@ -106,6 +106,14 @@ def check_success(cr: object) -> float:
     return float(least)
 
 
+def check_threads(threads: object) -> int:
+    """Return a number of threads; raise a ValueError if it is not an integer of at least 1."""
+    number = as_integer(threads)
+    if number is None or number < 1:
+        raise ValueError(f"threads: {shown(threads)} is not an integer from 1 on")
+    return number
+
+
 def check_action(action: object, whose: str = "") -> int:
     """Return an action as an int; raise a ValueError if it is not an integer from 0 to 5."""
     chosen = as_integer(action)

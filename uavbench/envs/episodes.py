@@ -1,9 +1,10 @@
 """The choice of the episode that a reset starts."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.utils import seeding
 
 from uavbench.world.episode import check_number, check_split, split_size
 from uavbench.world.scenario import SPLITS, Scenario, SplitName
@@ -56,3 +57,36 @@ class Episodes:
         number = self._next[split]
         self._next[split] = (number + 1) % size
         return split, number
+
+
+class Generators:
+    """The random generators of the slots of a vector environment; one that nobody has seeded is seeded by the system."""
+
+    def __init__(self, count: int) -> None:
+        self._each: list[np.random.Generator | None] = [None] * count
+
+    def __getitem__(self, i: int) -> np.random.Generator:
+        generator = self._each[i]
+        if generator is None:
+            generator = self._each[i] = seeding.np_random()[0]
+        return generator
+
+    def seed(self, seed: int | Sequence[int | None] | None, slots: Sequence[int]) -> list[int | None]:
+        """Seed the generators of ``slots`` by ``seed + i`` or ``seed[i]``; return the seed of every slot, None for none.
+
+        Raises
+        ------
+        ValueError
+            When there is not one seed for each slot. Nothing is changed then.
+        """
+        count = len(self._each)
+        if seed is None:
+            return [None] * count
+        seeds: list[int | None] = [int(seed) + i for i in range(count)] if isinstance(seed, int | np.integer) else list(seed)
+        if len(seeds) != count:
+            raise ValueError(f"seed: {len(seeds)} seeds for {count} environments")
+        for i in slots:
+            own = seeds[i]
+            if own is not None:
+                self._each[i] = seeding.np_random(own)[0]
+        return seeds

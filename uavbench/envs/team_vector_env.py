@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
-from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from uavbench.envs.core import (
@@ -14,11 +13,12 @@ from uavbench.envs.core import (
     action_space,
     check_options,
     check_success,
+    check_threads,
     information,
     load,
     observation_space,
 )
-from uavbench.envs.episodes import Episodes
+from uavbench.envs.episodes import Episodes, Generators
 from uavbench.simulation.observation import Observation, Observer
 from uavbench.simulation.options import check_start
 from uavbench.simulation.simulator import Simulator
@@ -74,11 +74,11 @@ class UAVTeamVectorEnv:
         self._episodes = Episodes(self.scenario, split, order)
         self._start = check_start(start)
         self._success_cr = np.full(number, check_success(success_cr))
-        self.simulator = Simulator(self.scenario, number, threads)
+        self.simulator = Simulator(self.scenario, number, check_threads(threads))
         self._observer = Observer(self.scenario)
         self.observation_space = observation_space(self.scenario, self._observer)
         self.action_space = action_space()
-        self._generators: list[np.random.Generator | None] = [None] * number
+        self._generators = Generators(number)
         self._ready = False
 
     @property
@@ -113,14 +113,11 @@ class UAVTeamVectorEnv:
         """
         self._ready = False
         given = {"start": self._start, **check_options(options, self.simulator.mission, extra=("num_uavs",))}
+        self._generators.seed(seed, range(self.num_envs))
         if seed is not None:
-            seeds = [int(seed) + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
-            if len(seeds) != self.num_envs:
-                raise ValueError(f"seed: {len(seeds)} seeds for {self.num_envs} environments")
-            self._generators = [seeding.np_random(each)[0] for each in seeds]
             self._episodes.restart()
         for i in range(self.num_envs):
-            split, number = self._episodes.choose(given, self._generator(i))
+            split, number = self._episodes.choose(given, self._generators[i])
             self.simulator.reset([i], split, [number])
             self.simulator.customise(i, given)
         self._ready = True
@@ -169,18 +166,11 @@ class UAVTeamVectorEnv:
         over: list[int] = np.flatnonzero(terminated).tolist()
         if over:
             final = {"final_info": self._infos(), "final_obs": self._observe()}
-            numbers = [self._episodes.choose({}, self._generator(i))[1] for i in over]
+            numbers = [self._episodes.choose({}, self._generators[i])[1] for i in over]
             self.simulator.reset(over, self._episodes.split, numbers)
             if self._start == "anywhere":
                 self.simulator.scatter(np.array(over))
         return self._observe(), rewards, terminated, np.zeros(self.num_envs, dtype=np.bool_), {**self._infos(), **final}
-
-    def _generator(self, i: int) -> np.random.Generator:
-        """Return slot ``i``'s generator, seeded by the system if nobody has seeded it."""
-        generator = self._generators[i]
-        if generator is None:
-            generator = self._generators[i] = seeding.np_random()[0]
-        return generator
 
     def _observe(self) -> Observation:
         """Return fresh arrays with the observations of all UAVs."""

@@ -20,11 +20,12 @@ from uavbench.envs.core import (
     check_options,
     check_render_mode,
     check_success,
+    check_threads,
     information,
     load,
     observation_space,
 )
-from uavbench.envs.episodes import Episodes
+from uavbench.envs.episodes import Episodes, Generators
 from uavbench.envs.forms import Form
 from uavbench.envs.pictures import Pictures
 from uavbench.simulation.observation import Observation, Observer
@@ -101,7 +102,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._start_option, self._shows_safe = check_start(start), safe_action_mask
         self._success_cr = np.full(num_envs, check_success(success_cr))
         self._limit = _check_limit(max_episode_steps)
-        self.simulator = Simulator(self.scenario, num_envs, _check_threads(threads))
+        self.simulator = Simulator(self.scenario, num_envs, check_threads(threads))
         self._observer = Observer(self.scenario)
         self._form = Form(self.scenario, compact, normalize)
         self.single_observation_space = self._form.space(observation_space(self.scenario, self._observer))
@@ -110,7 +111,7 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._all = np.arange(num_envs)
         self._pictures = Pictures(self.simulator, self.render_mode)
-        self._generators: list[np.random.Generator | None] = [None] * num_envs
+        self._generators = Generators(num_envs)
         self._elapsed = np.zeros(num_envs, dtype=np.int64)
         self._names: list[str] = []
         self._same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
@@ -147,12 +148,8 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         self._ready = False
         given = {"start": self._start_option, **check_options(options, self.simulator.mission, extra=("reset_mask",))}
         index = self._masked(given.pop("reset_mask", None))
-        seeds = self._seeds(seed)
         slots: list[int] = index.tolist()
-        for i in slots:
-            own = seeds[i]
-            if own is not None:
-                self._generators[i] = seeding.np_random(own)[0]
+        seeds = self._generators.seed(seed, slots)
         if seed is not None:
             self._np_random, self._np_random_seed = seeding.np_random(seeds[0])
             self._episodes.restart()
@@ -291,26 +288,19 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
     def _restart(self, index: NDArray[np.int64]) -> None:
         """Start the next episodes of the environment's own split in the slots ``index``."""
         slots: list[int] = index.tolist()
-        numbers = [self._episodes.choose({}, self._generator(i))[1] for i in slots]
+        numbers = [self._episodes.choose({}, self._generators[i])[1] for i in slots]
         self.simulator.reset(index, self._episodes.split, numbers)
         if self._start_option == "anywhere":
             self.simulator.scatter(index)
         self._elapsed[index] = 0
         self._pictures.begin(slots)
 
-    def _generator(self, i: int) -> np.random.Generator:
-        """Return the generator of slot ``i``; if nobody has seeded it, it gets a random seed."""
-        generator = self._generators[i]
-        if generator is None:
-            generator = self._generators[i] = seeding.np_random()[0]
-        return generator
-
     def _start(self, index: NDArray[np.int64], options: dict[int, dict[str, Any]]) -> None:
         """Start episodes in the slots ``index``, each with its options of ``reset``."""
         by_split: dict[SplitName, list[tuple[int, int]]] = {}
         slots: list[int] = index.tolist()
         for i in slots:
-            split, number = self._episodes.choose(options[i], self._generator(i))
+            split, number = self._episodes.choose(options[i], self._generators[i])
             by_split.setdefault(split, []).append((i, number))
         for split, chosen in by_split.items():
             started, numbers = zip(*chosen, strict=True)
@@ -377,16 +367,6 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
             raise ValueError(f"reset_mask: shape {chosen.shape}, expected ({self.num_envs},) with at least one True")
         return np.flatnonzero(chosen)
 
-    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
-        """Return the seed of every slot."""
-        if seed is None:
-            return [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            return [int(seed) + i for i in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"seed: {len(seed)} seeds for {self.num_envs} environments")
-        return list(seed)
-
     def _episode_options(self, given: dict[str, Any], slots: list[int]) -> dict[int, dict[str, Any]]:
         """Return the options of each of the ``slots``: ``episode`` may be a sequence of N numbers."""
         numbers = as_list(given.get("episode"))
@@ -395,14 +375,6 @@ class UAVVectorEnv(VectorEnv[Observation, NDArray[np.int64], NDArray[Any]]):
         if len(numbers) != self.num_envs:
             raise ValueError(f"episode: {len(numbers)} numbers for {self.num_envs} environments")
         return {i: {**given, "episode": numbers[i]} for i in slots}
-
-
-def _check_threads(threads: object) -> int:
-    """Return a number of threads; raise a ValueError if it is not an integer of at least 1."""
-    number = as_integer(threads)
-    if number is None or number < 1:
-        raise ValueError(f"threads: {shown(threads)} is not an integer from 1 on")
-    return number
 
 
 def _check_limit(steps: object) -> int:

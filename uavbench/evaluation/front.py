@@ -14,12 +14,10 @@ from uavbench.evaluation.evaluate import EpisodeRecord, Job
 from uavbench.evaluation.metrics import Comparison
 from uavbench.evaluation.replay import compare_results
 from uavbench.evaluation.results import Result, ResultError, load_result
-from uavbench.evaluation.run import run
+from uavbench.evaluation.run import TRAIN_EPISODES, run
 from uavbench.world.episode import check_split, split_size
 from uavbench.world.scenario import Scenario, load_scenario
 from uavbench.world.values import as_integer, shown
-
-_TRAIN_EPISODES = 1000  # of the train split, if no number is given
 
 
 class Options(TypedDict, total=False):
@@ -101,7 +99,7 @@ def evaluate(
     except ValueError as error:
         raise ResultError(str(error)) from None
     size = split_size(loaded, checked)
-    count = min(size, _TRAIN_EPISODES) if episodes is None else as_integer(episodes)
+    count = min(size, TRAIN_EPISODES) if episodes is None else as_integer(episodes)
     if count is None or not 1 <= count <= size:
         known = f"an integer from 1 to {size}, the {split} episodes of {loaded.id}"
         raise ResultError(f"episodes: {shown(episodes)} is not {known}")

@@ -37,7 +37,8 @@ from uavbench.world.scenario import load_scenario
 
 _CHECKPOINT_SECONDS = 10.0
 _KINDS: dict[Any, str] = {int: "i", float: "f", bool: "b"}  # NumPy's kinds of the types of a record's fields
-_TRAIN_EPISODES = 1000  # flown on the train split by default
+#: How many episodes of the train split are flown by default.
+TRAIN_EPISODES = 1000
 
 
 class Planned(NamedTuple):
@@ -84,7 +85,7 @@ def jobs(
         except ValueError as error:
             raise ResultError(f"--{error}") from None
         size = split_size(scenario, checked)
-        count = episodes or min(size, _TRAIN_EPISODES)
+        count = episodes or min(size, TRAIN_EPISODES)
         if count > size:
             raise ResultError(f"--episodes: {count}, but {scenario.id} has {size} {split} episodes")
         optional = scenarios is not None and name not in scenarios
