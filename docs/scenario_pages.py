@@ -126,7 +126,7 @@ def draw_map(scenario, path):
     """Draw a map with its legend."""
     figure = Figure(figsize=(4.2, 4.7), layout="constrained")
     axes = figure.subplots()
-    axes.imshow(city_colours(scenario.rows), interpolation="nearest")
+    axes.imshow(city_colours(city_of(scenario).cells), interpolation="nearest")
     axes.tick_params(labelsize=6)
     figure.legend(handles=city_legend(), loc="outside lower center", ncols=3, fontsize=7, frameon=False)
     figure.savefig(path, dpi=150, metadata={"Software": None})

@@ -81,8 +81,8 @@ class Oracle:
     def __init__(self, scenario, start, budget, targets, key=0, noisy=True):
         cells = np.array([list(row) for row in scenario.rows])
         self.scenario, self.mission = scenario, scenario.mission
-        self.landing, self.building = cells == "L", cells == "#"
-        self.no_fly = (cells == "N") | self.building
+        self.landing, self.building = cells == "L", (cells == "#") | (cells == "b")
+        self.no_fly = (cells == "N") | (cells == "#")
         self.rows, self.cols = cells.shape
         self.p, self.b, self.t = tuple(start), int(budget), 0
         self.key, self.noisy = int(key), noisy

@@ -50,7 +50,7 @@ def scenario(rows, mission=COVERAGE, **changes):
 def maps(draw, smallest=4, largest=9, landing=(1, 3)):
     """Draw a map of any shape with one landing zone, a row of cells, whose number is in the range ``landing``."""
     rows, cols = draw(st.integers(smallest, largest)), draw(st.integers(smallest, largest))
-    cells = draw(st.lists(st.sampled_from("....N##"), min_size=rows * cols, max_size=rows * cols))
+    cells = draw(st.lists(st.sampled_from("....N##b"), min_size=rows * cols, max_size=rows * cols))
     grid = np.array(cells).reshape(rows, cols)
     r, c = draw(st.integers(0, rows - 1)), draw(st.integers(0, cols - landing[0]))
     grid[r, c : c + draw(st.integers(*landing))] = "L"
@@ -72,7 +72,7 @@ def draw_starts(data, rows, number):
 
 def draw_targets(data, rows):
     """Draw a mask of at least one target outside buildings."""
-    places = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell != "#"]
+    places = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell not in "#b"]
     mask = np.zeros((len(rows), len(rows[0])), dtype=bool)
     for cell in data.draw(st.sets(st.sampled_from(places), min_size=1)):
         mask[cell] = True

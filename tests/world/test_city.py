@@ -14,13 +14,14 @@ from uavbench.simulation.missions.coverage import camera_gain, camera_views
 from uavbench.simulation.missions.harvesting import HarvestingMission
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
+from uavbench.world.cells import cells_of
 from uavbench.world.city import LAND, OFFSETS, City, action_between, city_of, neighbour
 
 
 @settings(max_examples=60)
 @given(maps(largest=12))
 def test_sees_what_the_oracle_sees(rows):
-    city = City(rows)
+    city = City(cells_of(rows))
     for cell in np.ndindex(city.shape):
         assert np.array_equal(city.visible(cell), visible(city.building, cell))
 
@@ -43,7 +44,7 @@ def test_visibility_is_not_symmetric():
 @settings(max_examples=40)
 @given(maps())
 def test_distances_are_those_of_relaxation(rows):
-    city = City(rows)
+    city = City(cells_of(rows))
     start = tuple(city.landing_cells[0].tolist())
     found = city.distances(start)
     expected = np.full(city.shape, 10**6)
@@ -81,7 +82,7 @@ def test_the_cameras_views_are_its_square_less_buildings_and_shadow(rows, size):
 @settings(max_examples=40)
 @given(maps(), st.integers(1, 20))
 def test_homeward_are_the_actions_after_which_it_can_still_land(rows, budget):
-    city = City(rows)
+    city = City(cells_of(rows))
     there = np.argwhere(city.distance_to_landing >= 0)
     found = city.safe_action_mask(there, np.full(len(there), budget))
     for (r, c), mask in zip(there.tolist(), found.tolist(), strict=True):
@@ -128,7 +129,7 @@ def test_tables_stay_small_and_grow_with_the_number_of_cells(mission):
 
 @given(maps(), st.data())
 def test_a_step_towards_a_goal_is_the_first_move_that_comes_nearer(rows, data):
-    city = City(rows)
+    city = City(cells_of(rows))
     goal = tuple(data.draw(st.sampled_from(city.landing_cells.tolist())))
     distance = city.distances(goal)
     for cell in map(tuple, np.argwhere(distance > 0).tolist()):

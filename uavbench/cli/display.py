@@ -13,7 +13,7 @@ from rich.text import Text
 
 from uavbench.errors import one_line
 from uavbench.evaluation.metrics import NAMES
-from uavbench.world.scenario import BUILDING, LANDING, NO_FLY, Scenario
+from uavbench.world.scenario import Scenario
 
 if TYPE_CHECKING:  # these import the compiler, and listing scenarios must not wait for that
     from uavbench.evaluation.metrics import Comparison, Interval
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # these import the compiler, and listing scenarios must not w
     from uavbench.speed.measure import Speed
 
 _LONGEST_HEAD = 20  # characters of an agent's name in a column's header
-_STYLES = {LANDING: "bold blue", NO_FLY: "red", BUILDING: "bright_black"}
+_STYLES = {"L": "bold blue", "N": "red", "#": "bright_black", "b": "bright_black"}
 
 
 def scenario_table(scenarios: Iterable[Scenario]) -> Table:
@@ -71,7 +71,7 @@ def scenario_text(scenario: Scenario) -> Text:
         for cell in row:
             text.append(cell, style=_STYLES.get(cell, ""))
         text.append("\n")
-    text.append("\nL landing zone  N no-fly zone  # building  . free\n", style="dim")
+    text.append("\nL landing zone  N no-fly zone  # building  b low building  . free\n", style="dim")
     return text
 
 

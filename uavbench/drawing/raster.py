@@ -9,6 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 from uavbench.drawing.scene import CRASH, PATH, Colour, Scene, scene_of
 from uavbench.drawing.trail import Cell, Trail
 from uavbench.simulation.simulator import Simulator
+from uavbench.world.cells import CHARACTERS
 
 _FRAME = 512  # pixels of the longer side, about
 _LINE = 20  # pixels of a line of text
@@ -79,7 +80,7 @@ def text(simulator: Simulator, i: int, trail: Trail) -> str:
     The UAVs of a team are written as their numbers, in hexadecimal digits.
     """
     state = simulator.state
-    cells = np.array([list(row) for row in simulator.scenario.rows])
+    cells = np.array(list(CHARACTERS))[simulator.city.cells]
     for way in trail.cells:
         for r, c in way:
             cells[r, c] = "·"

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -10,11 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from uavbench.drawing.trail import Cell, Trail
 from uavbench.simulation.simulator import Simulator
-from uavbench.world.scenario import BUILDING, FREE, LANDING, NO_FLY, Scenario
+from uavbench.world.cells import COLOURS, LOW_BUILDING, Colour
+from uavbench.world.scenario import Scenario
 
-Colour = tuple[int, int, int]
-
-_CITY: dict[str, Colour] = {FREE: (255, 255, 255), LANDING: (150, 178, 228), NO_FLY: (244, 176, 168), BUILDING: (96, 96, 104)}
 REMAINING: Colour = (66, 168, 84)
 COVERED: Colour = (205, 232, 208)
 PATH: Colour = (40, 40, 40)
@@ -61,6 +58,8 @@ class Scene:
         The used movement budget, CR, and whether a UAV crashed.
     scenario : Scenario
         The scenario of the episode.
+    low_buildings : bool
+        Whether the map has low buildings: the legend then names them.
     """
 
     cells: NDArray[np.uint8]
@@ -73,14 +72,12 @@ class Scene:
     devices: list[Device]
     title: str
     scenario: Scenario
+    low_buildings: bool
 
 
-@lru_cache(maxsize=32)
-def city_colours(rows: tuple[str, ...]) -> NDArray[np.uint8]:
-    """Return the colours of a map, uint8 (M, N, 3), read-only."""
-    colours = np.array([[_CITY[cell] for cell in row] for row in rows], dtype=np.uint8)
-    colours.flags.writeable = False
-    return colours
+def city_colours(cells: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the colours of a map that is given as codes of cells, shape (M, N, 3)."""
+    return np.array(COLOURS, dtype=np.uint8)[cells]
 
 
 def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
@@ -125,12 +122,13 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
         devices=devices,
         title=f"{title}, crashed" if crashes else title,
         scenario=simulator.scenario,
+        low_buildings=bool((simulator.city.cells == LOW_BUILDING).any()),
     )
 
 
 def _cells(simulator: Simulator, i: int, trail: Trail, targets: bool) -> NDArray[np.uint8]:
     """Return the map with its shade; with ``targets`` also remaining and covered target cells, through which the map shows."""
-    colours = city_colours(simulator.scenario.rows).astype(np.float32)
+    colours = city_colours(simulator.city.cells).astype(np.float32)
     if trail.shade is not None:
         colours *= (1 - (1 - SHADOW) * trail.shade)[:, :, None]
     if targets:

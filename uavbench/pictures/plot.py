@@ -12,7 +12,7 @@ from uavbench.drawing.scene import Cell, Colour, Scene
 from uavbench.evaluation.results import Result, ResultError, deliver, load_result
 from uavbench.pictures.figures import Figure, Line2D, MaxNLocator, Patch, Wedge, fixed_style
 from uavbench.pictures.watch import recorded_scenes
-from uavbench.world.scenario import BUILDING, FREE, LANDING, NO_FLY
+from uavbench.world.cells import BUILDING, CELL_NAMES, COLOURS, FREE, LANDING, LOW_BUILDING, NO_FLY
 
 FORMATS = ("png", "svg", "pdf")
 _WHITE: Colour = (255, 255, 255)
@@ -130,10 +130,10 @@ def _marks(axes: Any, marks: Sequence[tuple[Cell, Colour]], shape: str, points: 
         axes.scatter(c, r, s=points**2, marker=shape, c=colours, zorder=5, clip_on=False, **more)
 
 
-def city_legend() -> list[Any]:
-    """Return the legend's entries for the cells of a map."""
-    landing, no_fly, building = shown.city_colours(("".join((LANDING, NO_FLY, BUILDING)),))[0]
-    return _patches({"start and landing zone": landing, "no-fly zone": no_fly, "building": building})
+def city_legend(low: bool = False) -> list[Any]:
+    """Return the legend's entries for the cells of a map, with ``low`` also the one for low buildings."""
+    names = {**dict(enumerate(CELL_NAMES)), LANDING: "start and landing zone"}
+    return _patches({names[code]: COLOURS[code] for code in (LANDING, NO_FLY, BUILDING, *((LOW_BUILDING,) if low else ()))})
 
 
 def _patches(colours: Mapping[str, Any]) -> list[Any]:
@@ -144,9 +144,9 @@ def _patches(colours: Mapping[str, Any]) -> list[Any]:
 def legend(scene: Scene) -> list[Any]:
     """Return the legend's entries, as in the paper's Table II but in the mission's words; for a team also those of its UAVs."""
     scenario, words = scene.scenario, scene.scenario.mission.words
-    free = shown.city_colours((FREE,))[0, 0]
+    free = np.array(COLOURS[FREE])
     patches = {words.target: shown.blend(free, shown.REMAINING), words.done: shown.blend(free, shown.COVERED)}
-    found = [*city_legend(), *_patches({**patches, words.shade: free * shown.SHADOW})]
+    found = [*city_legend(scene.low_buildings), *_patches({**patches, words.shade: free * shown.SHADOW})]
     found += [
         _line("D", "", "start", markerfacecolor="white"),
         _line("D", "", "end"),

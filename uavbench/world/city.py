@@ -1,14 +1,15 @@
 """The city of a scenario, its static world: layers, lines of sight and distances."""
 
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.world.cells import BUILDING, LANDING, LOW_BUILDING, NO_FLY, cells_of
 from uavbench.world.kernel import kernel
-from uavbench.world.scenario import BUILDING, LANDING, NO_FLY, Scenario
+from uavbench.world.scenario import Scenario
 
 NORTH, EAST, SOUTH, WEST, HOVER, LAND = range(6)
 NUM_ACTIONS = 6
@@ -16,7 +17,7 @@ NUM_ACTIONS = 6
 OFFSETS = np.array([(-1, 0), (0, 1), (1, 0), (0, -1), (0, 0), (0, 0)], dtype=np.int32)
 OFFSETS.flags.writeable = False
 
-
+_Array = TypeVar("_Array", bound=NDArray[Any])
 _OFFSETS: list[tuple[int, int]] = [(down, right) for down, right in OFFSETS.tolist()]
 
 
@@ -35,13 +36,16 @@ class City:
 
     Parameters
     ----------
-    rows : sequence of str
-        The map as in `Scenario.rows`.
+    cells : ndarray of uint8, shape (M, N)
+        The codes of the map's cells: see `uavbench.world.cells`.
 
     Attributes
     ----------
+    cells : ndarray of uint8, shape (M, N)
+        The codes of the map's cells.
     landing, no_fly, building : ndarray of bool, shape (M, N)
-        The layers; ``no_fly`` holds no-fly zones and buildings.
+        The layers. ``building`` holds all buildings, also low ones; ``no_fly`` holds no-fly zones and the buildings that are
+        not low.
     landing_cells : ndarray of int32, shape (K, 2)
         The cells of the landing zones in row-major order.
     action_mask : ndarray of int8, shape (M, N, 6)
@@ -50,18 +54,27 @@ class City:
         Number of moves from a cell to the nearest landing cell; −1 if none can be reached.
     """
 
-    def __init__(self, rows: Sequence[str]) -> None:
-        cells = np.array([list(row) for row in rows])
+    def __init__(self, cells: NDArray[np.uint8]) -> None:
+        self.cells: NDArray[np.uint8] = _fixed(cells.copy())
         self.shape: tuple[int, int] = (cells.shape[0], cells.shape[1])
-        self.landing: NDArray[np.bool_] = cells == LANDING
-        self.building: NDArray[np.bool_] = cells == BUILDING
-        self.no_fly: NDArray[np.bool_] = (cells == NO_FLY) | self.building
-        self.landing_cells: NDArray[np.int32] = np.argwhere(self.landing).astype(np.int32)
-        self.action_mask: NDArray[np.int8] = _action_mask(self.landing, self.no_fly)
-        self.distance_to_landing: NDArray[np.int32] = _distances(self.no_fly, self.landing_cells)
-        for array in vars(self).values():
-            if isinstance(array, np.ndarray):
-                array.flags.writeable = False
+        self.landing: NDArray[np.bool_] = _fixed(cells == LANDING)
+        self.building: NDArray[np.bool_] = _fixed((cells == BUILDING) | (cells == LOW_BUILDING))
+        self.no_fly: NDArray[np.bool_] = _fixed((cells == NO_FLY) | (cells == BUILDING))
+
+    @cached_property
+    def landing_cells(self) -> NDArray[np.int32]:
+        """See the attributes of the class; this and what follows is computed when it is first asked for."""
+        return _fixed(np.argwhere(self.landing).astype(np.int32))
+
+    @cached_property
+    def action_mask(self) -> NDArray[np.int8]:
+        """See the attributes of the class."""
+        return _fixed(_action_mask(self.landing, self.no_fly))
+
+    @cached_property
+    def distance_to_landing(self) -> NDArray[np.int32]:
+        """See the attributes of the class."""
+        return _fixed(_distances(self.no_fly, self.landing_cells))
 
     def distances(self, cell: Sequence[int], avoid: Iterable[tuple[int, int]] = ()) -> NDArray[np.int32]:
         """Return the number of moves from ``cell`` to every cell, shape (M, N); −1 for cells that cannot be reached.
@@ -128,12 +141,18 @@ class City:
 
 @lru_cache(maxsize=32)
 def _city_of_rows(rows: tuple[str, ...]) -> City:
-    return City(rows)
+    return City(cells_of(rows))
 
 
 def city_of(scenario: Scenario) -> City:
     """Return the scenario's city; scenarios with the same map share it."""
     return _city_of_rows(scenario.rows)
+
+
+def _fixed(array: _Array) -> _Array:
+    """Make an array read-only, and return it."""
+    array.flags.writeable = False
+    return array
 
 
 def _action_mask(landing: NDArray[np.bool_], no_fly: NDArray[np.bool_]) -> NDArray[np.int8]:

@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from uavbench.world.cells import CHARACTERS, FREE, NO_FLY
+
 if TYPE_CHECKING:
     from uavbench.simulation.missions import Mission
     from uavbench.world.city import City
     from uavbench.world.scenario import Scenario
-
-
-#: The characters that stand for the cells of a map.
-FREE, LANDING, NO_FLY, BUILDING = ".", "L", "N", "#"
 
 
 def _named(where: str) -> Any:
@@ -316,7 +314,7 @@ class Harvesting(MissionParameters):
 
     def check_map(self, rows: tuple[str, ...]) -> None:
         """Raise a ValueError if the map has fewer cells for devices than the largest number of devices."""
-        places = sum(row.count(FREE) + row.count(NO_FLY) for row in rows)
+        places = sum(row.count(CHARACTERS[FREE]) + row.count(CHARACTERS[NO_FLY]) for row in rows)
         if places < self.devices[1]:
             raise ValueError(
                 f"mission.devices: up to {self.devices[1]} devices need as many cells outside buildings "

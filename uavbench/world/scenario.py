@@ -6,23 +6,19 @@ Source: Theile et al., ICAR 2021; the values of the shipped scenarios are in ``s
 import difflib
 import hashlib
 import json
-from collections import deque
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, SupportsIndex
 
-import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError, field_validator, model_validator
 
 from uavbench.errors import UavbenchError, one_line
 from uavbench.world import resources
-from uavbench.world.files import FileError, read_text, read_toml
+from uavbench.world.cells import CHARACTERS, LANDING
+from uavbench.world.files import FileError, read_toml
+from uavbench.world.maps import check_map, read_map, rows_of_array
 from uavbench.world.parameters import (
-    BUILDING,
-    FREE,
-    LANDING,
-    NO_FLY,
     Count,
     MissionParameters,
     ObservationSizes,
@@ -31,6 +27,7 @@ from uavbench.world.parameters import (
     TeamSize,
     ordered,
 )
+from uavbench.world.provenance import Provenance
 from uavbench.world.registry import read_mission
 from uavbench.world.values import as_integer
 
@@ -98,10 +95,10 @@ class Scenario(Record):
         Smallest and largest movement budget of an episode; in a team each UAV has its own.
     uavs : (int, int), optional
         Smallest and largest number of UAVs of an episode, at most 16. If given, the scenario is for a team, else for one UAV.
-    rewards, observation, mission, splits
+    rewards, observation, mission, splits, provenance
         See their classes.
     rows : tuple of str
-        The map, one character per cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building.
+        The map, one character per cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building, ``b`` low building.
     path : Path
         The file that the scenario was read from.
     """
@@ -115,6 +112,7 @@ class Scenario(Record):
     observation: ObservationSizes
     mission: SerializeAsAny[Annotated[MissionParameters, BeforeValidator(read_mission)]]
     splits: Splits = Splits()
+    provenance: Provenance | None = None
     rows: tuple[str, ...]
     path: Path
 
@@ -130,13 +128,13 @@ class Scenario(Record):
     @field_validator("rows")
     @classmethod
     def _map(cls, rows: tuple[str, ...]) -> tuple[str, ...]:
-        _check_map(rows)
+        check_map(rows)
         return rows
 
     @model_validator(mode="after")
     def _fits(self) -> "Scenario":
         _check_sizes(self.observation, self.shape)
-        starts = sum(row.count(LANDING) for row in self.rows)
+        starts = sum(row.count(CHARACTERS[LANDING]) for row in self.rows)
         if starts < self.max_uavs:
             raise ValueError(f"uavs: up to {self.max_uavs} start in landing cells of their own, and the map has {starts}")
         self.mission.check_map(self.rows)
@@ -167,7 +165,7 @@ class Scenario(Record):
     @cached_property
     def digest(self) -> str:
         """SHA-256 of everything that defines the scenario; the title and the names of files are not part of it."""
-        parts = self.model_dump(mode="json", exclude={"title", "map", "path"}, exclude_defaults=True)
+        parts = self.model_dump(mode="json", exclude={"title", "map", "path", "provenance"}, exclude_defaults=True)
         for part in (parts["mission"], *parts.get("splits", {}).values()):
             part.pop("file", None)  # the SHA-256 of the file remains in the digest
         return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
@@ -240,8 +238,9 @@ class Scenario(Record):
 
         Parameters
         ----------
-        cells : array_like of str, shape (M, N), or M texts of N characters
-            ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building; both sides from 4 to 1,024.
+        cells : array_like of str or int, shape (M, N), or M texts of N characters
+            ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building, ``b`` low building, or the numbers 0 to 4 for
+            them, in this order; both sides from 4 to 1,024.
         like : str, Path or Scenario
             The scenario from which everything else is taken: mission, budget, rewards, observation. Observation sizes that are
             too large for the map are reduced.
@@ -261,7 +260,10 @@ class Scenario(Record):
         (4, 5)
         """
         origin = like if isinstance(like, Scenario) else load_scenario(like)
-        rows = tuple("".join(str(cell) for cell in row) for row in np.asarray(cells).tolist())
+        try:
+            rows = rows_of_array(cells)
+        except ValueError as error:
+            raise ScenarioError(f"from_array: map: {error}") from None
         largest = 2 * min(len(rows), len(rows[0]) if rows else 0) - 1
         sizes = {name: min(size, max(1, largest)) for name, size in origin.observation.model_dump().items()}
         own = {"id": "Custom-v0", "title": "", "map": "", "observation": sizes, "splits": Splits(), "path": Path()}
@@ -307,37 +309,6 @@ def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
         )
 
 
-def _check_map(rows: tuple[str, ...]) -> None:
-    """Raise a ValueError if a map has unequal rows, a wrong size, unknown cells, or no or an unreachable landing cell."""
-    if not rows or not 4 <= len(rows) <= 1024 or not 4 <= len(rows[0]) <= 1024:
-        raise ValueError(f"{len(rows)} rows × {len(rows[0]) if rows else 0} columns: both must be 4 to 1024")
-    for r, row in enumerate(rows):
-        if len(row) != len(rows[0]):
-            raise ValueError(f"row {r} has {len(row)} cells, row 0 has {len(rows[0])}: all rows must be of one length")
-        if not row.isprintable():
-            raise ValueError("this is no map: write rows of '.', 'L', 'N' and '#', as text")
-        for c, cell in enumerate(row):
-            if cell not in (FREE, LANDING, NO_FLY, BUILDING):
-                raise ValueError(f"row {r}, column {c}: unknown cell {cell!r}; use '.', 'L', 'N' or '#'")
-    landing = [(r, c) for r, row in enumerate(rows) for c, cell in enumerate(row) if cell == LANDING]
-    if not landing:
-        raise ValueError("there is no landing cell: mark at least one cell with 'L'")
-    reached, queue = {landing[0]}, deque([landing[0]])
-    while queue:
-        r, c = queue.popleft()
-        for near in ((r - 1, c), (r, c + 1), (r + 1, c), (r, c - 1)):
-            inside = 0 <= near[0] < len(rows) and 0 <= near[1] < len(rows[0])
-            if inside and near not in reached and rows[near[0]][near[1]] in (FREE, LANDING):
-                reached.add(near)
-                queue.append(near)
-    if len(reached) == sum(rows[r][c] == LANDING for r, c in reached):
-        raise ValueError(f"the landing zone at {landing[0]} is unreachable: no free cell leads to it")
-    for cell in landing:
-        if cell not in reached:
-            raise ValueError(f"the landing cell {cell} is unreachable from the landing cell {landing[0]}")
-
-
-_MAP_BYTES = 2**21  # twice what the largest map takes
 _TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's types of errors for values that should be tables
 _REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
 
@@ -359,9 +330,11 @@ def _first(error: ValidationError) -> str:
 def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
     """Read the rows of a map."""
     try:
-        return tuple(read_text(path, _MAP_BYTES).rstrip().split("\n"))
+        return read_map(path)
     except FileError as error:
         raise ScenarioError(f"{scenario}: map: {error}") from None
+    except ValueError as error:
+        raise ScenarioError(f"{path}: map: {error}") from None
 
 
 def _load(path: Path, run_code: bool = True) -> Scenario:

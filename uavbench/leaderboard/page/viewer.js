@@ -5,8 +5,8 @@ const Viewer = (() => {
   const find = (id) => document.getElementById(id);
   const ACTIONS = ["north", "east", "south", "west", "hover", "land"];
   const COLOURS = {
-    light: { ".": "#ffffff", L: "#9db8ea", N: "#f3b5ad", "#": "#6d747c", stripe: "#d0665a", left: "#3fa25b", done: "#cfe8d6", grid: "#e8eaec", crash: "#c81010", shade: "#0000001f", path: "#333a41", uav: "#c2410c", view: "#eab30873" },
-    dark: { ".": "#22272c", L: "#2c4a86", N: "#6f2f28", "#": "#8b939b", stripe: "#b5564a", left: "#45b06a", done: "#28402f", grid: "#2d3338", crash: "#f04444", shade: "#ffffff1c", path: "#d5dade", uav: "#fb923c", view: "#facc1559" },
+    light: { ".": "#ffffff", L: "#9db8ea", N: "#f3b5ad", "#": "#6d747c", b: "#b3b8bd", stripe: "#d0665a", left: "#3fa25b", done: "#cfe8d6", grid: "#e8eaec", crash: "#c81010", shade: "#0000001f", path: "#333a41", uav: "#c2410c", view: "#eab30873" },
+    dark: { ".": "#22272c", L: "#2c4a86", N: "#6f2f28", "#": "#8b939b", b: "#596067", stripe: "#b5564a", left: "#45b06a", done: "#28402f", grid: "#2d3338", crash: "#f04444", shade: "#ffffff1c", path: "#d5dade", uav: "#fb923c", view: "#facc1559" },
   };
   const SERVED = ["#d97706", "#2563eb", "#9333ea", "#0d9488", "#dc2626", "#65a30d", "#db2777", "#0891b2", "#a16207", "#4f46e5"];
   const scenarios = new Map(), flights = new Map();
@@ -231,7 +231,7 @@ const Viewer = (() => {
     if (!seen.length) return;
     g.fillStyle = colours.shade;
     for (let cell = 0; cell < city.cells.length; cell++) {
-      if (city.cells[cell] !== "#" && !seen.some((view) => view[cell])) {
+      if (!"#b".includes(city.cells[cell]) && !seen.some((view) => view[cell])) {
         g.fillRect((cell % city.cols) * size, Math.floor(cell / city.cols) * size, size, size);
       }
     }
@@ -309,7 +309,7 @@ const Viewer = (() => {
 
   // Every mark of the flights that are shown, drawn as it is on the map.
   function legend() {
-    const colours = COLOURS[theme()], { mission, uavs } = panes[0].scenario, size = 32, middle = [size / 2, size / 2];
+    const colours = COLOURS[theme()], { mission, uavs, city: { cells } } = panes[0].scenario, size = 32, middle = [size / 2, size / 2];
     const colour = (name) => (g) => {
       g.fillStyle = colours[name];
       g.fillRect(0, 0, size, size);
@@ -325,7 +325,7 @@ const Viewer = (() => {
     };
     const cell = (kind) => (g) => tile(g, kind, 0, 0, size, colours);
     const marks = {
-      "landing zone": cell("L"), "no-fly zone": cell("N"), building: cell("#"),
+      "landing zone": cell("L"), "no-fly zone": cell("N"), building: cell("#"), ...(cells.includes("b") ? { "low building": cell("b") } : {}),
       [uavs > 1 ? "UAV, with its number" : "UAV"]: (g) => disc(g, middle, size * 0.42, colours.uav, colours["."]),
       start: (g) => paintStart(g, middle, size * 0.8, colours), landed: (g) => paintEnd(g, middle, size * 0.8, colours),
       crashed: (g) => paintCrash(g, middle, size * 0.9, colours), hover: stroke((g) => cross(g, middle, size * 0.3)),

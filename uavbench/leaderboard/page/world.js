@@ -63,6 +63,7 @@ const World = (() => {
     }
     at(r, c) { return this.cells[r * this.cols + c]; }
     inside(r, c) { return r >= 0 && r < this.rows && c >= 0 && c < this.cols; }
+    building(r, c) { return this.at(r, c) === "#" || this.at(r, c) === "b"; }
     closed(r, c) { return !this.inside(r, c) || this.at(r, c) === "#" || this.at(r, c) === "N"; }
 
     // What rays from a cell to all border cells reach, at most so many moves away.
@@ -95,7 +96,7 @@ const World = (() => {
           error += dx;
           r += down;
         }
-        if (this.at(r, c) === "#") return;
+        if (this.building(r, c)) return;
         seen[r * this.cols + c] = 1;
       }
     }
@@ -106,7 +107,7 @@ const World = (() => {
     const { city, mission } = scenario, reach = (mission.camera_size - 1) / 2, seen = city.visible(r, c, 2 * reach), found = [];
     for (let y = r - reach; y <= r + reach; y++) {
       for (let x = c - reach; x <= c + reach; x++) {
-        if (city.inside(y, x) && seen[y * city.cols + x] && city.at(y, x) !== "#") found.push(y * city.cols + x);
+        if (city.inside(y, x) && seen[y * city.cols + x] && !city.building(y, x)) found.push(y * city.cols + x);
       }
     }
     return found;
