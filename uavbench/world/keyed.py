@@ -20,6 +20,7 @@ _LARGEST = 1.0 - _UNIT
 
 # The purposes of streams: streams of one key with different purposes are independent.
 START, CONTENT, NOISE, AGENT, SCATTER, TEAM = (np.uint64(n) for n in (1, 2, 3, 4, 5, 17))  # why 17: ADR 5
+CITY = np.uint64(23)
 
 
 @kernel
