@@ -13,11 +13,12 @@ A plan is made for lanes along rows and along columns, and for every offset of t
 
 from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from uavbench.simulation.missions.coverage import camera_views
-from uavbench.world.city import EAST, HOVER, LAND, NORTH, SOUTH, WEST, city_of
+from uavbench.world.city import EAST, HOVER, LAND, NORTH, SOUTH, WEST
 from uavbench.world.kernel import kernel
 
 
@@ -37,18 +38,24 @@ class Agent:
                 f"boustrophedon is for coverage by one UAV (Manhattan32-CPP-v0 and its like), not for {scenario.id}: "
                 "for data harvesting by one UAV there is tsp, for teams planner"
             )
-        self._city = city = city_of(scenario)
-        self._size = scenario.mission.camera_size
-        self._views = _view_sets(camera_views(scenario), self._size)
-        self._home = city.distance_to_landing.reshape(-1)
-        columns = city.shape[1]
-        self._moves = lru_cache(maxsize=4096)(lambda cell: city.distances(divmod(cell, columns)).reshape(-1))
+        self._scenario, self._size = scenario, scenario.mission.camera_size
+        self._city: Any = None
+        columns = scenario.shape[1]
         self._offsets = {HOVER: 0, EAST: 1, WEST: -1, SOUTH: columns, NORTH: -columns}
         self._actions = []
 
     def reset(self, info):
         """Forget the plan."""
         self._actions = []
+
+    def _look_at(self, city):
+        """Prepare for a city, if it is another one than before."""
+        if city is self._city:
+            return
+        self._city, columns = city, city.shape[1]
+        self._views = _view_sets(camera_views(self._scenario, city), self._size)
+        self._home = city.distance_to_landing.reshape(-1)
+        self._moves = lru_cache(maxsize=4096)(lambda cell: city.distances(divmod(cell, columns)).reshape(-1))
 
     def act(self, observation, info):
         """Return the plan's next action."""
@@ -58,6 +65,7 @@ class Agent:
 
     def _plan(self, state):
         """Return the actions of the plan that covers most."""
+        self._look_at(state.city)
         start = state.position[0] * state.city.shape[1] + state.position[1]
         targets = sum(1 << cell for cell in np.flatnonzero(state.target).tolist())
         seen = [view & targets for view in self._views]

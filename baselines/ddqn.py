@@ -302,8 +302,7 @@ class Learner:
             with torch.no_grad():
                 score += self.network(tensors(self._observation)).numpy() / config.temperature
         safe = self._all < self._between(config.safe_exploration, config.last_safe_exploration) * config.num_envs
-        mask = simulator.city.safe_action_mask(state.position[safe, 0], state.budget[safe, 0])
-        score[safe] += np.where(mask, 0.0, -np.inf)
+        score[safe] += np.where(simulator.safe_action_mask()[safe], 0.0, -np.inf)
         actions = score.argmax(axis=1)
         self._replay.add_states(state)
         simulator.step(actions)

@@ -64,12 +64,13 @@ class Agent:
     @staticmethod
     def _coverage_gains(state, targets):
         """Return how many targets the camera would cover from each cell."""
-        return camera_gain(state.scenario, targets)
+        return camera_gain(state.scenario, targets, state.city)
 
     @staticmethod
     def _cover(state, targets, goal):
         """Remove the targets that the camera sees from ``goal``."""
-        view, size = int(camera_views(state.scenario)[goal]), state.scenario.mission.camera_size
+        view = int(camera_views(state.scenario, state.city)[goal])
+        size = state.scenario.mission.camera_size
         for bit in range(size * size):
             if view >> bit & 1:
                 targets[goal[0] + bit // size - size // 2, goal[1] + bit % size - size // 2] = 0

@@ -24,7 +24,7 @@ import numpy as np
 from uavbench.planning.paths import worthiest_way
 from uavbench.simulation.missions.coverage import camera_views
 from uavbench.simulation.missions.harvesting import channel_of, log_snr_of
-from uavbench.world.city import HOVER, LAND, action_between, city_of
+from uavbench.world.city import HOVER, LAND, action_between
 from uavbench.world.kernel import kernel
 
 _PRIZE = 100  # of a target or data unit, in moves: so large that the solver does not give up prizes to save moves
@@ -97,19 +97,26 @@ class Agent:
             raise ValueError(f"orienteering plans for one UAV; {scenario.id} is for teams: choose one without Team in its id")
         if importlib.util.find_spec("pyvrp") is None:
             raise ImportError("orienteering needs PyVRP: pip install 'uavbench[planning]'")
-        self._city = city_of(scenario)
-        self._home = self._city.distance_to_landing.reshape(-1).copy()
-        self._away = {}
-        self._mission = (_Coverage if scenario.mission.kind == "coverage" else _Harvesting)(scenario, self._city)
+        self._scenario = scenario
+        self._city: Any = None
 
     def reset(self, info):
         """Forget the last episode."""
         self._random = np.random.default_rng(info["seed"])
         self._tour, self._steps = [], 0
 
+    def _look_at(self, city):
+        """Prepare for a city, if it is another one than before."""
+        if city is self._city:
+            return
+        self._city, self._away = city, {}
+        self._home = city.distance_to_landing.reshape(-1).copy()
+        self._mission = (_Coverage if self._scenario.mission.kind == "coverage" else _Harvesting)(self._scenario, city)
+
     def act(self, observation, info):
         """Return the first action of the best tour found."""
         state = info["state"]
+        self._look_at(state.city)
         here, budget = self._index(state.position), state.budget - 1  # one action is for landing
         left = self._mission.left(state)
         flight = self._fly(here, self._tour, left, budget)
@@ -237,7 +244,7 @@ class _Coverage:
     noise = 0.15  # gains are increased by random shares of up to this, so that the rounds differ
 
     def __init__(self, scenario, city):
-        side, views = scenario.mission.camera_size, camera_views(scenario).reshape(-1, 1)
+        side, views = scenario.mission.camera_size, camera_views(scenario, city).reshape(-1, 1)
         place = np.arange(side * side)
         down, right = place // side - side // 2, place % side - side // 2
         visible = (views >> place.astype(np.uint64) & np.uint64(1)).astype(bool)

@@ -70,7 +70,7 @@ class Agent:
     Parameters
     ----------
     scenario : Scenario
-        A scenario for one UAV.
+        A scenario for one UAV, with one map.
     weights : Path, optional
         The weights of the network; by default those that come with uavbench. If a scenario has none, only the sums of blocks
         are used.
@@ -81,6 +81,8 @@ class Agent:
     def __init__(self, scenario, weights: Path | None = None):
         if scenario.team:
             raise ValueError(f"pilot flies one UAV; {scenario.id} is for teams: choose one without Team in its id")
+        if scenario.cities is not None:
+            raise ValueError(f"pilot knows its map, and {scenario.id} has many cities: choose a scenario with one map")
         self._scenario, self._planner = scenario, Flights(scenario)
         self._harvests = scenario.mission.kind == "harvesting"
         self._city, self._places = city_of(scenario), places(scenario)

@@ -52,7 +52,7 @@ class Agent:
     def _plan(self, states):
         """Search several times for flights of the whole team, until some get everything, and keep the best."""
         if self._harvests:
-            self._rates = harvesting.expected_rates(self._scenario, states[0].device_cell)
+            self._rates = harvesting.expected_rates(self._scenario, states[0].device_cell, states[0].city)
         best = self._search(states, self._seed, self.changes)
         for k in range(1, self.searches):
             if self._is_everything(states, best):
@@ -80,12 +80,11 @@ class Agent:
             int(s.city.distance_to_landing[s.position]) + 1 for s in states
         ]
         budgets = [max(state.budget - slack, need) for state, need in zip(states, needed, strict=True)]
+        more |= {"seed": seed, "moves": changes, "city": states[0].city}
         if self._harvests:
             devices, data = states[0].device_cell, states[0].device_data
-            return harvesting.search(
-                self._scenario, self._rates, devices, data, starts, budgets, seed=seed, moves=changes, **more
-            )
-        return coverage.search(self._scenario, states[0].target, starts, budgets, seed=seed, moves=changes, **more)
+            return harvesting.search(self._scenario, self._rates, devices, data, starts, budgets, **more)
+        return coverage.search(self._scenario, states[0].target, starts, budgets, **more)
 
     @staticmethod
     def _around(state, flight, others):

@@ -28,7 +28,7 @@ class Agent:
                 f"tsp is for data harvesting by one UAV (Manhattan32-DH-v0 and its like), not for {scenario.id}: "
                 "for coverage by one UAV there is boustrophedon, for teams planner"
             )
-        self._channel = channel_of(scenario.mission, (len(scenario.rows), len(scenario.rows[0])))
+        self._channel = channel_of(scenario.mission, scenario.shape)
         self._left, self._goal = None, None
 
     def reset(self, info):

@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import field_validator
 
 from uavbench.simulation.missions import Mission
+from uavbench.world.city import city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import CONTENT, next_integer, stream
 from uavbench.world.parameters import Count, MissionParameters, Words, ordered
@@ -49,8 +50,8 @@ class Surveillance(MissionParameters):
         if places < self.sites[1]:
             raise ValueError(f"mission.sites: up to {self.sites[1]} sites, and the map has {places} cells for them")
 
-    def make(self, scenario, city, num_envs):
-        return SurveillanceMission(scenario, city, num_envs)
+    def make(self, scenario, num_envs):
+        return SurveillanceMission(scenario, num_envs)
 
 
 class SurveillanceMission(Mission):
@@ -60,7 +61,8 @@ class SurveillanceMission(Mission):
 
     option = "sites"
 
-    def __init__(self, scenario, city, num_envs):
+    def __init__(self, scenario, num_envs):
+        city = city_of(scenario)
         self._parameters = scenario.mission
         self._reward = scenario.rewards.collect
         self._free = ~(city.building | city.landing)
@@ -79,7 +81,7 @@ class SurveillanceMission(Mission):
     def restore(self, state, index, columns):
         self._begin(state, index, self._unpacked(columns))
 
-    def fits(self, columns):
+    def fits(self, columns, city):
         if "sites" not in columns or columns["sites"].shape[1:] != ((self._free.size + 7) // 8,):
             return False
         sites = self._unpacked(columns)
@@ -87,7 +89,7 @@ class SurveillanceMission(Mission):
         low, high = self._parameters.sites
         return not (sites & ~self._free).any() and low <= number.min() and number.max() <= high
 
-    def parse(self, value):
+    def parse(self, value, city):
         sites = np.asarray(value)
         if sites.shape != self._free.shape or sites.dtype != np.bool_:
             raise ValueError(f"sites: {sites.dtype} of shape {sites.shape}, expected a mask, bool {self._free.shape}")

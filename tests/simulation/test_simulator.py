@@ -208,7 +208,7 @@ def test_a_batch_equals_its_episodes_flown_alone(name):
         for t, row in enumerate(actions):
             alone.step(row[i : i + 1])
             assert alone.state.reward[0] == rewards[t][i]
-        for field in alone.state._fields:
+        for field in alone.state.arrays():
             assert np.array_equal(getattr(alone.state, field)[0], getattr(batch.state, field)[i]), field
 
 
@@ -259,6 +259,6 @@ def test_a_snapshot_is_gone_on_from_as_if_nothing_had_been(name):
     for each in actions[16:]:
         simulator.step(each)
         other.step(each)
-        for key, array in simulator.state._asdict().items():
+        for key, array in simulator.state.arrays().items():
             assert np.array_equal(array, getattr(other.state, key)), key
     assert [simulator.episode(i) for i in slots] == [other.episode(i) for i in slots]

@@ -41,7 +41,11 @@ def flown(simulator, actions):
         simulator.step(each)
         batch = observer.empty(simulator.num_envs * count)
         observer.write(simulator.state, np.arange(simulator.num_envs * count), batch)
-        parts = [*simulator.state, *simulator.outcomes(range(simulator.num_envs)).values(), simulator.action_mask()]
+        parts = [
+            *simulator.state.arrays().values(),
+            *simulator.outcomes(range(simulator.num_envs)).values(),
+            simulator.action_mask(),
+        ]
         parts += [part.reshape(simulator.num_envs, -1) for part in batch.values()]
         parts += [*simulator.mission.arrays().values()]
         seen.append([b"".join(part[i].tobytes() for part in parts) for i in range(simulator.num_envs)])

@@ -213,7 +213,7 @@ def test_a_batch_equals_its_episodes_flown_alone(name):
         for t, row in enumerate(actions):
             alone.step(row[i : i + 1])
             assert np.array_equal(alone.state.reward[0], rewards[t][i])
-        for field in alone.state._fields:
+        for field in alone.state.arrays():
             assert np.array_equal(getattr(alone.state, field)[0], getattr(batch.state, field)[i]), field
         assert alone.outcomes([0]) == {field: values[i] for field, values in batch.outcomes(np.arange(40)).items()}
         assert np.array_equal(alone.action_mask()[0], batch.action_mask()[i])

@@ -35,7 +35,10 @@ def flight(world, threads):
         shown = observer.empty(len(everyone))
         observer.write(simulator.state, everyone, shown, threads)
         seen.append(
-            b"".join(part.tobytes() for part in (*simulator.state, *simulator.mission.arrays().values(), *shown.values()))
+            b"".join(
+                part.tobytes()
+                for part in (*simulator.state.arrays().values(), *simulator.mission.arrays().values(), *shown.values())
+            )
         )
     assert started > SLOTS
     return seen
@@ -66,10 +69,10 @@ def test_vector_environments_take_threads():
 def test_a_wrong_action_changes_nothing_in_any_thread():
     simulator = Simulator(WORLDS["Block8-CPP-v0"], 4, 2)
     simulator.reset(np.arange(4), "test", np.arange(4))
-    before = [part.tobytes() for part in simulator.state]
+    before = [part.tobytes() for part in simulator.state.arrays().values()]
     with pytest.raises(ValueError, match="actions: 6 is not an action from 0 to 5"):
         simulator.step([0, 0, 6, 0])
-    assert [part.tobytes() for part in simulator.state] == before
+    assert [part.tobytes() for part in simulator.state.arrays().values()] == before
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5, True, "2", None])

@@ -12,7 +12,6 @@ from worlds import COVERAGE, maps, scenario
 from uavbench import load_scenario
 from uavbench.simulation.missions.coverage import camera_gain, camera_views
 from uavbench.simulation.missions.harvesting import HarvestingMission
-from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.cells import cells_of
 from uavbench.world.city import LAND, OFFSETS, City, action_between, city_of, neighbour
@@ -108,8 +107,8 @@ def size_of_tables(rows, mission="Urban50-DH-v0"):
     world = scenario(rows, shipped.mission.model_dump(), observation={"local_size": 17, "global_scale": 5})
     city = city_of(world)
     arrays = [array for array in vars(city).values() if isinstance(array, np.ndarray)]
-    arrays += list(Observer(world)._tables)
     simulator = Simulator(world, 1)
+    arrays += list(simulator.state.maps)
     if isinstance(simulator.mission, HarvestingMission):
         arrays += list(simulator.mission._sights)
     else:

@@ -1,6 +1,5 @@
 """Weights of learned agents: safetensors files with arrays and a JSON record of the training, without pickles."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -108,7 +107,7 @@ def training_facts(scenario: Scenario) -> dict[str, Any]:
         "mission": scenario.mission.kind,
         "layers": len(TEAM_LAYERS if scenario.team else LAYERS) + len(scenario.mission.layers),
         **scenario.observation.model_dump(),
-        _MAP: hashlib.sha256("\n".join(scenario.rows).encode()).hexdigest(),
+        _MAP: scenario.map_digest,
     }
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uavbench.bounds.flow import cut_rows, network, violated_cuts
 from uavbench.simulation.missions.coverage import camera_views
-from uavbench.world.city import city_of
+from uavbench.world.city import City, city_of
 from uavbench.world.parameters import Coverage
 from uavbench.world.scenario import Scenario
 
@@ -63,6 +63,7 @@ def coverage_bound(
     targets: NDArray[Any],
     plan: Sequence[Cell] | None = None,
     seconds: float = 40.0,
+    city: City | None = None,
 ) -> Bound:
     """Return an upper bound of the target cells that a policy which lands can cover.
 
@@ -81,6 +82,8 @@ def coverage_bound(
         any plan. With a good plan it is better, and the computation stops as soon as the plan is proved optimal.
     seconds : float
         Processor time to spend, so that bounds are not worse on a busy machine. The bound is valid whenever it stops.
+    city : City, optional
+        The city; by default the scenario's only one.
 
     Raises
     ------
@@ -113,7 +116,7 @@ def coverage_bound(
     """
     deadline = time.process_time() + seconds
     mask = np.asarray(targets) != 0
-    problem = _Problem(scenario, start, budget, mask)
+    problem = _Problem(scenario, city or city_of(scenario), start, budget, mask)
     covered = 0 if plan is None else problem.covered(plan)
     value, method, rounds = int(problem.weights.sum()), "reach", 0
     if value > covered:
@@ -140,9 +143,9 @@ class _Problem:
         The number of targets in each group.
     """
 
-    def __init__(self, scenario: Scenario, start: Cell, budget: int, targets: NDArray[np.bool_]) -> None:
+    def __init__(self, scenario: Scenario, city: City, start: Cell, budget: int, targets: NDArray[np.bool_]) -> None:
         assert isinstance(scenario.mission, Coverage)
-        self._city = city = city_of(scenario)
+        self._city = city
         self.start, self.budget = start, budget
         away = city.distances(start)
         usable = (away >= 0) & (city.distance_to_landing >= 0) & (away + city.distance_to_landing <= budget - 1)
@@ -156,7 +159,7 @@ class _Problem:
         # Nothing is covered at the reset: to see from its start, the UAV hovers there or comes back.
         viewing = usable & (np.maximum(away, 1) + city.distance_to_landing <= budget - 1)
         sizes: dict[tuple[int, ...], int] = {}
-        for viewers in self._viewers(camera_views(scenario), scenario.mission.camera_size, viewing, targets):
+        for viewers in self._viewers(camera_views(scenario, city), scenario.mission.camera_size, viewing, targets):
             sizes[viewers] = sizes.get(viewers, 0) + 1
         self.groups = list(sizes)
         self.weights = np.array(list(sizes.values()), dtype=np.float64)

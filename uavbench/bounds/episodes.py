@@ -99,20 +99,21 @@ def _bound(scenario: Scenario, number: int, best: float, actions: NDArray[np.uin
     simulator = Simulator(scenario, 1)
     simulator.reset([0], SPLIT, [number])
     state = simulator.state
-    start, budget = _cell(state.position), int(state.budget[0, 0])
+    start, budget, city = _cell(state.position), int(state.budget[0, 0]), simulator.city_at(0)
     if scenario.mission.kind == "harvesting":
         view = simulator.mission.view(0)
         cells, data = view["device_cell"], view["device_data"]
         planned = float(data.sum()) if best >= 1.0 - tolerance(scenario) else 0.0
-        collected = harvesting_bound(scenario, start, budget, cells, data, planned, seconds=seconds)
+        collected = harvesting_bound(scenario, start, budget, cells, data, planned, seconds=seconds, city=city)
         return EpisodeBound(number, collected.cr, collected.method)
     plan: list[Cell] = []
     if actions is None:
-        plan = coverage.search(scenario, state.target[0], [start], [budget], seed=number, moves=_PLAN_CHANGES).flights[0]
+        found = coverage.search(scenario, state.target[0], [start], [budget], seed=number, moves=_PLAN_CHANGES, city=city)
+        plan = found.flights[0]
     else:
         fly_recorded(scenario, SPLIT, number, actions, lambda simulator: plan.append(_cell(simulator.state.position)))
         plan.pop()  # the last action landed, in the same cell
-    covered = coverage_bound(scenario, start, budget, state.target[0], plan, seconds)
+    covered = coverage_bound(scenario, start, budget, state.target[0], plan, seconds, city)
     return EpisodeBound(number, covered.cr, covered.method)
 
 

@@ -66,6 +66,7 @@ def harvesting_bound(
     planned: float = 0.0,
     rounds: int = 600,
     seconds: float = math.inf,
+    city: City | None = None,
 ) -> Bound:
     """Return an upper bound of the data that a policy which lands can collect, on average over the fading.
 
@@ -87,6 +88,8 @@ def harvesting_bound(
         The number of rounds of the descent. More rounds give a better bound.
     seconds : float
         Processor time to spend. The bound is valid whenever it stops.
+    city : City, optional
+        The city; by default the scenario's only one.
 
     Notes
     -----
@@ -108,7 +111,8 @@ def harvesting_bound(
     value, method, used = total, "data", 0
     if planned >= total:
         return Bound(value, 1.0, method, used)
-    problem = _Problem(scenario, start, budget, np.asarray(devices, dtype=np.int32), data)
+    there = city or city_of(scenario)
+    problem = _Problem(scenario, there, start, budget, np.asarray(devices, dtype=np.int32), data)
     problem.look_at(np.ones(problem.rings.shape[:2]))
     unlimited = problem.bound()
     if unlimited < value:
@@ -135,10 +139,9 @@ class _Problem:
     """
 
     def __init__(
-        self, scenario: Scenario, start: Cell, budget: int, devices: NDArray[np.int32], data: NDArray[np.float64]
+        self, scenario: Scenario, city: City, start: Cell, budget: int, devices: NDArray[np.int32], data: NDArray[np.float64]
     ) -> None:
         assert isinstance(scenario.mission, Harvesting)
-        city = city_of(scenario)
         channel = channel_of(scenario.mission, city.shape)
         away = city.distances(start)
         usable = (away >= 0) & (city.distance_to_landing >= 0) & (away + city.distance_to_landing <= budget - 1)

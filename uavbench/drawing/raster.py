@@ -80,7 +80,7 @@ def text(simulator: Simulator, i: int, trail: Trail) -> str:
     The UAVs of a team are written as their numbers, in hexadecimal digits.
     """
     state = simulator.state
-    cells = np.array(list(CHARACTERS))[simulator.city.cells]
+    cells = np.array(list(CHARACTERS))[simulator.city_at(i).cells]
     for way in trail.cells:
         for r, c in way:
             cells[r, c] = "·"

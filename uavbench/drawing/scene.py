@@ -122,13 +122,13 @@ def scene_of(simulator: Simulator, i: int, trail: Trail) -> Scene:
         devices=devices,
         title=f"{title}, crashed" if crashes else title,
         scenario=simulator.scenario,
-        low_buildings=bool((simulator.city.cells == LOW_BUILDING).any()),
+        low_buildings=bool((simulator.city_at(i).cells == LOW_BUILDING).any()),
     )
 
 
 def _cells(simulator: Simulator, i: int, trail: Trail, targets: bool) -> NDArray[np.uint8]:
     """Return the map with its shade; with ``targets`` also remaining and covered target cells, through which the map shows."""
-    colours = city_colours(simulator.city.cells).astype(np.float32)
+    colours = city_colours(simulator.city_at(i).cells).astype(np.float32)
     if trail.shade is not None:
         colours *= (1 - (1 - SHADOW) * trail.shade)[:, :, None]
     if targets:

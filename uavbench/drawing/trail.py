@@ -41,7 +41,7 @@ class Trail:
         self.target: NDArray[np.float32] = state.target[i].copy()
         self.served: list[int] = []
         self._amounts = mission.marks(i)[1].copy()
-        self.shade = mission.shade(i)
+        self.shade = mission.shade(i, simulator.city_at(i))
 
     def extend(self) -> None:
         """Add the step that was just flown."""

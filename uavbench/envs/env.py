@@ -227,7 +227,7 @@ class UAVEnv(gym.Env[dict[str, NDArray[np.float32]], np.int64]):
         if not self._begun:
             raise RuntimeError("no episode has begun: call reset() first")
         position = self.simulator.state.position
-        return self.simulator.city.action_mask[position.item(0), position.item(1)].copy()
+        return self.simulator.city_at(0).action_mask[position.item(0), position.item(1)].copy()
 
     def _info(self) -> dict[str, Any]:
         safe = {"safe_action_mask": self.simulator.safe_action_mask().reshape(-1)} if self._shows_safe else {}

@@ -249,7 +249,7 @@ class UAVParallelEnv(ParallelEnv[str, Any, Any]):
 
         If the mission has layers of its own, they follow.
         """
-        city, state = self.simulator.city, self.simulator.state
+        city, state = self.simulator.city_at(0), self.simulator.state
         shared = len(TEAM_LAYERS)
         whole = np.zeros((shared + state.layers.shape[1], *city.shape), dtype=np.float32)
         whole[:4] = city.landing, city.no_fly, city.building, state.target[0]

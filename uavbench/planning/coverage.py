@@ -14,7 +14,7 @@ from uavbench.planning.changes import propose
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
 from uavbench.planning.paths import distance_table, pick
 from uavbench.simulation.missions.coverage import camera_views
-from uavbench.world.city import city_of
+from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
 from uavbench.world.parameters import Coverage
@@ -34,6 +34,7 @@ def search(
     moves: int,
     first: Sequence[Sequence[Cell]] | None = None,
     hot: float = HOT,
+    city: City | None = None,
 ) -> Plan:
     """Search for flights that together cover as many targets as possible.
 
@@ -55,9 +56,11 @@ def search(
         The flights to start from, as in `Plan`; by default shortest paths to the nearest landing cell.
     hot : float
         The initial temperature, in target cells; with a low one, the search only makes small improvements to ``first``.
+    city : City, optional
+        The city; by default the scenario's only one.
     """
-    city = city_of(scenario)
-    seen, number = _targets_seen(scenario, target)
+    city = city or city_of(scenario)
+    seen, number = _targets_seen(scenario, target, city)
     cursor = np.array([seed], dtype=np.uint64)
     paths, lengths = pack(city, starts, budgets, first, cursor)
     covered = _anneal(
@@ -77,9 +80,9 @@ def search(
     return Plan(unpack(city, paths, lengths), float(covered))
 
 
-def _targets_seen(scenario: Scenario, target: NDArray[np.float32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def _targets_seen(scenario: Scenario, target: NDArray[np.float32], city: City) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the targets that the camera sees from each cell, numbered in row-major order, and how many there are."""
-    views = camera_views(scenario)
+    views = camera_views(scenario, city)
     rows, cols = views.shape
     numbers = np.full((rows, cols), -1, dtype=np.int32)
     numbers[target > 0] = np.arange((target > 0).sum())

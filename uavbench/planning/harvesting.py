@@ -14,7 +14,7 @@ from uavbench.planning.changes import propose
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
 from uavbench.planning.paths import distance_table, pick
 from uavbench.simulation.missions.channel import Channel, channel_of, log_snr_of
-from uavbench.world.city import city_of
+from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
 from uavbench.world.parameters import Harvesting
@@ -26,7 +26,7 @@ _NODES = 9  # of the Gauss-Hermite rule for means over the fading
 _ACTIONS = 5  # the actions with communication: four moves and hovering
 
 
-def expected_rates(scenario: Scenario, devices: NDArray[np.int32]) -> NDArray[np.float32]:
+def expected_rates(scenario: Scenario, devices: NDArray[np.int32], city: City | None = None) -> NDArray[np.float32]:
     """Return the expected rate of each device, in data units per communication step.
 
     Parameters
@@ -35,6 +35,8 @@ def expected_rates(scenario: Scenario, devices: NDArray[np.int32]) -> NDArray[np
         A DH scenario.
     devices : ndarray of int32, shape (K, 2)
         Their cells.
+    city : City, optional
+        The city; by default the scenario's only one.
 
     Returns
     -------
@@ -43,7 +45,7 @@ def expected_rates(scenario: Scenario, devices: NDArray[np.int32]) -> NDArray[np
         actions that are blocked.
     """
     assert isinstance(scenario.mission, Harvesting)
-    city = city_of(scenario)
+    city = city or city_of(scenario)
     nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
     channel = channel_of(scenario.mission, city.shape)
     sight = np.array([city.visible(cell) for cell in devices.tolist()], dtype=np.bool_).reshape(-1, *city.shape)
@@ -64,6 +66,7 @@ def search(
     moves: int,
     first: Sequence[Sequence[Cell]] | None = None,
     hot: float = HOT,
+    city: City | None = None,
 ) -> Plan:
     """Search for flights that together are expected to collect as much data as possible.
 
@@ -77,10 +80,10 @@ def search(
         Their cells.
     data : ndarray of float64, shape (K,)
         Data left at each device.
-    starts, budgets, seed, moves, first, hot
+    starts, budgets, seed, moves, first, hot, city
         As for `uavbench.planning.coverage.search`; the temperature is in data units.
     """
-    city = city_of(scenario)
+    city = city or city_of(scenario)
     cols = city.shape[1]
     cursor = np.array([seed], dtype=np.uint64)
     paths, lengths = pack(city, starts, budgets, first, cursor)

@@ -45,14 +45,14 @@ def move(
     landed: NDArray[np.bool_],
     done: NDArray[np.bool_],
     reward: NDArray[np.float64],
-    landing: NDArray[np.bool_],
-    no_fly: NDArray[np.bool_],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
     movement: float,
     safety: float,
     crash: float,
 ) -> None:
     """Fly one action with UAV ``uav`` in the slots [``first``, ``last``), and set its whole reward except for the gain."""
-    rows, cols = no_fly.shape
     for i in range(first, last):
         if done[i, uav]:
             reward[i, uav] = 0.0
@@ -62,10 +62,11 @@ def move(
         previous[i, uav, 0], previous[i, uav, 1] = r, c
         stayed = True
         if action == LAND:
-            landed[i, uav] = landing[r, c]
+            landed[i, uav] = layers[city[i], 0, r + margin, c + margin]
         elif action != HOVER:
             y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
-            if 0 <= y < rows and 0 <= x < cols and not no_fly[y, x] and not held_by_active(position, done, i, y, x, 0):
+            blocks = layers[city[i], 1, y + margin, x + margin]  # in the margin, too
+            if not blocks and not held_by_active(position, done, i, y, x, 0):
                 position[i, uav, 0], position[i, uav, 1] = y, x
                 stayed = False
             else:
@@ -91,16 +92,55 @@ def move_apart(threads: int, uav: int, actions: NDArray[np.int64], *rest: Any) -
 
 
 @kernel
-def write_masks(position: NDArray[np.int32], done: NDArray[np.bool_], masks: NDArray[np.int8], mask: NDArray[np.int8]) -> None:
-    """Write the valid actions, shape (B, U, 6), given the valid actions of every cell, shape (M, N, 6), and the other UAVs."""
+def write_masks(
+    position: NDArray[np.int32],
+    done: NDArray[np.bool_],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
+    mask: NDArray[np.int8],
+) -> None:
+    """Write the valid actions, shape (B, U, 6), given the maps of the cities and the other UAVs."""
     slots, uavs = position.shape[:2]
     for i in range(slots):
+        m = city[i]
         for u in range(uavs):
             r, c = position[i, u, 0], position[i, u, 1]
-            for action in range(masks.shape[2]):
-                mask[i, u, action] = masks[r, c, action]
-            if u + 1 < uavs:
-                for action in range(4):
-                    y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
-                    if mask[i, u, action] and held_by_active(position, done, i, y, x, u + 1):
-                        mask[i, u, action] = 0
+            for action in range(HOVER):
+                y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
+                valid = not layers[m, 1, y + margin, x + margin]
+                if valid and u + 1 < uavs:
+                    valid = not held_by_active(position, done, i, y, x, u + 1)
+                mask[i, u, action] = valid
+            mask[i, u, HOVER] = 1
+            mask[i, u, LAND] = layers[m, 0, r + margin, c + margin]
+
+
+@kernel
+def write_safe_masks(
+    position: NDArray[np.int32],
+    budget: NDArray[np.int32],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
+    homes: NDArray[np.int32],
+    mask: NDArray[np.int8],
+) -> None:
+    """Write the safe actions, shape (B, U, 6), as `City.safe_action_mask` does; ``homes`` are the distances to landing."""
+    slots, uavs = position.shape[:2]
+    for i in range(slots):
+        m = city[i]
+        for u in range(uavs):
+            r, c = position[i, u, 0], position[i, u, 1]
+            safe = 0
+            for action in range(LAND + 1):
+                y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
+                if layers[m, 1, y + margin, x + margin]:
+                    y, x = r, c
+                possible = homes[m, y, x] + 1 <= budget[i, u] - 1
+                if action == LAND and layers[m, 0, r + margin, c + margin]:
+                    possible = True
+                mask[i, u, action] = possible
+                safe += possible
+            if safe == 0:
+                mask[i, u] = 1

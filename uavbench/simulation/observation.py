@@ -3,44 +3,30 @@
 Layers, in this order: landing, no_fly, building, target; in teams also the other active UAVs (0/1), and their budgets at
 their cells; then the mission's own layers. The centred map of an M×N map has the size (2M − 1)×(2N − 1), with the UAV's cell
 in the middle; it is padded with 1 in no_fly and building, and with 0 in the other layers.
-The static layers (the first three) at any position are crops of two tables that are made once for each city. The size of the
-tables is proportional to the size of the map. Only the other layers are computed in each step.
+The static layers (the first three) are read from the city's maps (`uavbench.simulation.city_maps`): the local map is a crop of
+them, and the global map is a part of their counts in blocks.
 
 With U UAVs in each of B slots there are B · U observations; UAV u of slot i has the observation i · U + u.
 """
 
-from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from uavbench.simulation.city_maps import fits, margin_within, new_maps
 from uavbench.simulation.pooling import block_sum
-from uavbench.simulation.rows import copy_row
+from uavbench.simulation.rows import copy_block, divide_block, fill_range, widen_block
 from uavbench.simulation.state import State
-from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel, parallel_kernel, share
 from uavbench.world.scenario import Scenario
 
 LAYERS = ("landing", "no_fly", "building", "target")
 TEAM_LAYERS = (*LAYERS, "uavs", "budgets")
-_PADDING = (0.0, 1.0, 1.0)  # of the static layers; the padding of the others is 0
 
 #: One observation or a batch of them: ``local``, ``global`` and ``budget``, float32.
 Observation = dict[str, NDArray[np.float32]]
-
-
-class _Tables(NamedTuple):
-    """The static layers, ready to be cropped.
-
-    ``crops[c, layer, r:r+l]`` is the local map at (r, c), contiguous in memory. ``means[r % g, c % g, layer]`` holds the g×g
-    means for all cells with the same r % g and c % g (the same phase); its part that begins at [r // g, c // g] is the global
-    map at (r, c).
-    """
-
-    crops: NDArray[np.float32]
-    means: NDArray[np.float32]
 
 
 class Observer:
@@ -69,7 +55,7 @@ class Observer:
         maps = {"local": self.local_shape} if self._local_size else {}
         self._shapes = {**maps, "global": self.global_shape, "budget": (1,)}
         self._no_local = np.empty((0, *self.local_shape), dtype=np.float32)
-        self._tables = _tables(city_of(scenario), self._local_size, self._scale, self.global_shape)
+        self._scenario = scenario
         self._state: State | None = None  # the last state that was observed
         self._read: tuple[Any, ...] = ()
 
@@ -89,6 +75,7 @@ class Observer:
 
     def _arrays(self, state: State) -> tuple[Any, ...]:
         """Return the arrays that `_write` reads. Once per state is enough: the arrays of a state are never reallocated."""
+        maps = state.maps if fits(state.maps, self._scenario) else new_maps(self._scenario, len(state.done))
         return (
             state.position,
             state.budget,
@@ -98,34 +85,11 @@ class Observer:
             state.spots,
             state.num_spots,
             state.layers,
-            *self._tables,
+            *maps,
+            margin_within(maps, state.target.shape[1]),
+            self._scale,
             self._team,
         )
-
-
-@lru_cache(maxsize=32)
-def _tables(city: City, local_size: int, scale: int, global_shape: tuple[int, int, int]) -> _Tables:
-    """Make the tables of a city."""
-    rows, cols = city.shape
-    layers = (city.landing, city.no_fly, city.building)
-    half = max(local_size - 1, 0) // 2
-    crops = np.empty((cols, len(layers), rows + 2 * half, local_size), dtype=np.float32)
-    high, wide = (rows - 1) // scale + global_shape[1], (cols - 1) // scale + global_shape[2]
-    means = np.empty((scale, scale, len(layers), high, wide), dtype=np.float32)
-    # After the map there must be as much padding as the last block of the last phase needs.
-    margin = tuple((n - 1, max(0, (blocks + 1) * scale - 2 * n)) for n, blocks in ((rows, high), (cols, wide)))
-    for k, (layer, pad) in enumerate(zip(layers, _PADDING, strict=True)):
-        padded = np.pad(layer.astype(np.float32), half, constant_values=pad)
-        for c in range(cols):
-            crops[c, k] = padded[:, c : c + local_size]
-        padded = np.pad(layer.astype(np.int32), margin, constant_values=int(pad))
-        sums = np.pad(padded, ((1, 0), (1, 0))).cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
-        blocks = sums[scale:, scale:] - sums[:-scale, scale:] - sums[scale:, :-scale] + sums[:-scale, :-scale]
-        for y in range(scale):
-            for x in range(scale):
-                means[y, x, k] = blocks[y::scale, x::scale][:high, :wide] / scale**2
-    crops.flags.writeable = means.flags.writeable = False
-    return _Tables(crops, means)
 
 
 @kernel
@@ -142,40 +106,57 @@ def _write(
     spots: NDArray[np.int32],
     num_spots: NDArray[np.int32],
     layers: NDArray[np.float32],
-    crops: NDArray[np.float32],
-    means: NDArray[np.float32],
+    city: NDArray[np.int64],
+    static_layers: NDArray[np.bool_],
+    static_blocks: NDArray[Any],
+    margin: int,
+    scale: int,
     team: bool,
 ) -> None:
     """Write observations. This is a single kernel, because to call a kernel takes as long as to write an observation."""
     (rows, cols), uavs, half = target.shape[1:], position.shape[1], out_local.shape[2] // 2
-    static, scale = means.shape[2], means.shape[0]
+    static, tall, broad = static_layers.shape[1:]
     own = static + (3 if team else 1)  # the first of the mission's own layers
     side, area, block = out_local.shape[2], out_local.shape[2] ** 2, out_global.shape[2] * out_global.shape[3]
-    local_flat, global_flat = out_local.reshape(len(out_local), -1), out_global.reshape(len(out_global), -1)
-    crops_flat = crops.reshape(crops.shape[0] * static, -1)  # reshaped only once: this takes as long as to copy a row
+    # Arrays are flattened once: to flatten or to slice an array takes as long as to copy a row.
+    local_flat, global_flat, target_flat = out_local.reshape(-1), out_global.reshape(-1), target.reshape(-1)
+    layers_flat, blocks_flat = static_layers.view(np.uint8).reshape(-1), static_blocks.reshape(-1)
+    counts_flat, sizes = counts.reshape(-1), (rows, cols)
     for n in index:
         i, u = n // uavs, n % uavs
         r, c = position[i, u, 0], position[i, u, 1]
         out_budget[n, 0] = budget[i, u]
         if out_local.shape[0]:
-            for k in range(static):  # each layer is contiguous in the table
-                copy_row(crops_flat[c * static + k, r * side : r * side + area], local_flat[n, k * area : (k + 1) * area])
-            _clear(local_flat[n, static * area :])
+            start = n * out_local.shape[1] * area
+            corner = (city[i] * static * tall + r + margin - half) * broad + c + margin - half
+            for k in range(static):
+                widen_block(layers_flat, corner + k * tall * broad, broad, local_flat, start + k * area, side, side)
+            start += static * area
+            fill_range(local_flat, start, (n + 1) * out_local.shape[1] * area, np.float32(0.0))
             if spots.shape[1]:
                 _crop_spots(target[i], spots[i, : num_spots[i]], r - half, c - half, out_local[n, static])
             else:
-                _crop(target[i], r - half, c - half, out_local[n, static])
+                _crop(target_flat, i * rows * cols, sizes, r - half, c - half, local_flat, start, side)
             if team:
                 _write_team(position[i], budget[i], done[i], u, half, half, 1, out_local[n, static + 1 : own])
             for k in range(layers.shape[1]):
-                _crop(layers[i, k], r - half, c - half, out_local[n, own + k])
-        _average_static(means, r, c, out_global[n])
-        _clear(global_flat[n, static * block :])
+                first = (i * layers.shape[1] + k) * rows * cols
+                start = (n * out_local.shape[1] + own + k) * area
+                _crop(layers.reshape(-1), first, sizes, r - half, c - half, local_flat, start, side)
         top, left = rows - 1 - r, cols - 1 - c  # of the map in the centred map
+        start = n * out_global.shape[1] * block
+        fill_range(global_flat, start, start + block, np.float32(0.0))  # landing: 0 off the map
+        fill_range(global_flat, start + block, start + static * block, np.float32(1.0))
+        start += static * block
+        fill_range(global_flat, start, (n + 1) * out_global.shape[1] * block, np.float32(0.0))
+        for k in range(static):
+            _average_counts(
+                blocks_flat, city[i] * static + k, static_blocks.shape[2:], top, left, out_global, n, k, global_flat
+            )
         if spots.shape[1]:
             _average_spots(target[i], spots[i, : num_spots[i]], top, left, scale, out_global[n, static])
         elif counts.shape[1] == scale:
-            _average_counts(counts[i], top, left, out_global[n, static])
+            _average_counts(counts_flat, i, counts.shape[1:], top, left, out_global, n, static, global_flat)
         else:
             _average(target[i], top, left, scale, out_global[n, static])
         if team:
@@ -193,12 +174,24 @@ def _write_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> None:
 
 
 @kernel
-def _crop(layer: NDArray[np.float32], top: int, left: int, out: NDArray[np.float32]) -> None:
-    """Write the crop of a map that begins at the map's cell (top, left) (paper eq. 10)."""
-    (rows, cols), size = layer.shape, out.shape[0]
-    first, last = max(0, -left), min(size, cols - left)
-    for y in range(max(0, -top), min(size, rows - top)):
-        copy_row(layer[top + y, left + first : left + last], out[y, first:last])
+def _crop(
+    maps: NDArray[np.float32],
+    first: int,
+    sizes: tuple[int, int],
+    top: int,
+    left: int,
+    out: NDArray[np.float32],
+    start: int,
+    side: int,
+) -> None:
+    """Write the crop that begins at the cell (top, left) of a map of the shape ``sizes`` (paper eq. 10).
+
+    Both arrays are flattened: the map begins at ``first`` of ``maps``, the crop, side×side, at ``start`` of ``out``.
+    """
+    rows, cols = sizes
+    y, x = max(0, -top), max(0, -left)
+    shape = (min(side, rows - top) - y, min(side, cols - left) - x)
+    copy_block(maps, first + (top + y) * cols + left + x, cols, out, start + y * side + x, side, shape)
 
 
 @kernel
@@ -212,24 +205,28 @@ def _crop_spots(target: NDArray[np.float32], spots: NDArray[np.int32], top: int,
 
 
 @kernel
-def _average_static(means: NDArray[np.float32], r: int, c: int, out: NDArray[np.float32]) -> None:
-    """Write the static layers of a global map (paper eq. 13): a part of the table ``means`` for the phase of (r, c)."""
-    (high, wide), scale = out.shape[1:], means.shape[0]
-    phase, down, right = means[r % scale, c % scale], r // scale, c // scale
-    for k in range(means.shape[2]):
-        for y in range(high):
-            copy_row(phase[k, down + y, right : right + wide], out[k, y])
+def _average_counts(
+    counts: NDArray[Any],
+    m: int,
+    sizes: tuple[int, int, int, int],
+    top: int,
+    left: int,
+    out: NDArray[np.float32],
+    n: int,
+    layer: int,
+    flat: NDArray[np.float32],
+) -> None:
+    """Write the g×g means of map ``m``, which begins at (top, left) of the centred map, from its counts (paper eq. 13).
 
-
-@kernel
-def _average_counts(counts: NDArray[Any], top: int, left: int, out: NDArray[np.float32]) -> None:
-    """Write the g×g means of a target map with values 0 and 1, from the counts of targets in the blocks of this phase."""
-    (high, wide), scale = out.shape, counts.shape[0]
-    area = np.float32(scale * scale)
+    ``counts`` holds the counts of all maps, flattened; ``sizes`` is the shape of one map's. ``flat`` is ``out``, flattened.
+    """
+    scale, tall, _, broad = sizes
+    high, wide = out.shape[2:]
     above, before, p, q = top // scale, left // scale, top % scale, left % scale
-    last = min(wide, before + counts.shape[3])
-    for y in range(min(high - above, counts.shape[1])):
-        _divide(counts[p, y, q], area, out[above + y, before:last])
+    shape = (min(high - above, tall), min(wide - before, broad))
+    first = ((m * scale + p) * tall * scale + q) * broad
+    start = ((n * out.shape[1] + layer) * high + above) * wide + before
+    divide_block(counts, first, scale * broad, flat, start, wide, shape, np.float32(scale * scale))
 
 
 @kernel
@@ -287,17 +284,3 @@ def _write_team(
                 actions += budget[v]
         out[0, y, x] = np.float32(number) / area
         out[1, y, x] = np.float32(actions) / area
-
-
-@kernel
-def _clear(values: NDArray[np.float32]) -> None:
-    """Set all values to 0; LLVM turns a plain loop over a row into a memset."""
-    for x in range(len(values)):
-        values[x] = 0.0
-
-
-@kernel
-def _divide(source: NDArray[Any], area: np.float32, target: NDArray[np.float32]) -> None:
-    """Divide a row by ``area``; LLVM vectorises a plain loop over slices best."""
-    for x in range(len(target)):
-        target[x] = np.float32(source[x]) / area

@@ -45,7 +45,7 @@ def remove_target(counts: NDArray[Any], r: int, c: int) -> None:
 
 
 @kernel
-def count_targets(target: NDArray[np.float32], counts: NDArray[Any]) -> None:
+def count_targets(target: NDArray[Any], counts: NDArray[Any]) -> None:
     """Count the targets of one map, shape (M, N), whose cells are 1 or 0: over g rows first, then over g columns."""
     rows, cols = target.shape
     scale, high, _, wide = counts.shape

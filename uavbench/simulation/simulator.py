@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from uavbench.simulation.city_maps import margin_of, write_maps
 from uavbench.simulation.missions import Mission
-from uavbench.simulation.moves import move, move_apart, write_masks, wrong_action
+from uavbench.simulation.moves import move, move_apart, write_masks, write_safe_masks, wrong_action
 from uavbench.simulation.options import is_anywhere, read_budget, read_noise, read_start, read_uavs
 from uavbench.simulation.outcomes import outcome_of, outcomes_of
 from uavbench.simulation.slots import SimulatorState, put, take
 from uavbench.simulation.starts import draw_starts, scatter_starts
 from uavbench.simulation.state import State, new_state
+from uavbench.world.cities import cells_of_cities, city_at, city_keys
 from uavbench.world.city import NUM_ACTIONS, City, city_of
 from uavbench.world.episode import Columns, check_number, episode_keys, frozen_columns
 from uavbench.world.resources import scenario_paths
@@ -26,6 +28,8 @@ from uavbench.world.scenario import SPLITS, Scenario, ScenarioError, SplitName
 
 _CUSTOM = len(SPLITS)  # the code of an episode set by hand; the code of any other is the index of its split in SPLITS
 _NAMES: tuple[str, ...] = (*SPLITS, "custom")
+_NO_CITY = np.uint64(2**64 - 1)
+_CELLS_AT_ONCE = 2**25  # cells of cities that are drawn together
 _REDRAWN = 8  # frozen episodes that are drawn again, to check that they belong to the scenario as it is now
 
 
@@ -43,8 +47,6 @@ class Simulator:
 
     Attributes
     ----------
-    city : City
-        The static world.
     slots : ndarray of int64, shape (B,)
         The numbers of all slots.
     state : State
@@ -60,16 +62,20 @@ class Simulator:
         self.scenario = scenario
         self.num_envs = num_envs
         self.threads = threads
-        self.city: City = city_of(scenario)
         self.state: State = new_state(scenario, num_envs, scenario.max_uavs)
-        self.mission: Mission = scenario.mission.make(scenario, self.city, num_envs)
+        self.mission: Mission = scenario.mission.make(scenario, num_envs)
         self.mission.threads = threads
         self.slots = np.arange(num_envs)
         self._splits = np.full(num_envs, _CUSTOM, dtype=np.int64)
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
         self._fitting: set[str] = set()  # splits whose frozen episodes have been checked against the scenario
+        self._only_city = city_of(scenario) if scenario.cities is None else None
+        self._city_keys = np.full(num_envs, _NO_CITY)  # of the cities whose maps the slots hold
+        self._homes: NDArray[np.int32] | None = None  # the distances to landing in each slot's city, once they are needed
+        self._homes_keys = self._city_keys.copy()
         rewards = scenario.rewards
-        state, city = self.state, self.city
+        state, self._margin = self.state, margin_of(scenario)
+        self._maps = (state.maps.city, state.maps.layers, self._margin)
         self._moved = (  # what `move` takes, listed once: the arrays are never reallocated
             state.position,
             state.previous,
@@ -78,14 +84,30 @@ class Simulator:
             state.landed,
             state.done,
             state.reward,
-            city.landing,
-            city.no_fly,
+            *self._maps,
             rewards.movement,
             rewards.safety,
             rewards.crash,
         )
         self._shape = (num_envs, scenario.max_uavs) if scenario.team else (num_envs,)
         self._mask_shape = (num_envs, scenario.max_uavs, NUM_ACTIONS)
+
+    @property
+    def city(self) -> City:
+        """The only city of the scenario.
+
+        Raises
+        ------
+        ValueError
+            When the scenario has many cities: `city_at` returns the city of a slot.
+        """
+        if self._only_city is None:
+            raise ValueError(f"{self.scenario.id} has many cities: city_at(i) returns the city of slot i")
+        return self._only_city
+
+    def city_at(self, i: int) -> City:
+        """Return the city of the episode in slot ``i``."""
+        return self._only_city or city_at(self.scenario, self._city_keys[i])
 
     def reset(self, index: ArrayLike, split: SplitName, numbers: ArrayLike) -> None:
         """Start the episodes ``numbers`` of ``split`` in the slots ``index``.
@@ -131,8 +153,9 @@ class Simulator:
 
     def sample(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
         """Start the episodes of ``keys`` in the slots ``index``, drawn from the keys even if they are frozen."""
-        self.state.key[index] = keys
+        self._enter_cities(index, keys)
         state = self.state
+        state.key[index] = keys
         draw_starts(
             index,
             state.key,
@@ -146,7 +169,7 @@ class Simulator:
             state.done,
             state.noise,
             state.reward,
-            self.city.landing_cells,
+            *self._maps,
             *self.scenario.budget,
             *(self.scenario.uavs or (1, 1)),
         )
@@ -158,10 +181,13 @@ class Simulator:
         For training: a learner then sees states that it would seldom reach. Distinct cells, and budgets up to the scenario's
         largest, are drawn from the episode's key.
         """
-        free = np.argwhere(self.city.distance_to_landing >= 0).astype(np.int32)
-        scatter_starts(
-            self.state, np.asarray(index, dtype=np.int64), free, self.city.distance_to_landing, self.scenario.budget[1]
-        )
+        state, slots = self.state, np.asarray(index, dtype=np.int64)
+        arrays = (state.key, state.uavs, state.position, state.previous, state.budget, state.initial_budget)
+        for together in [slots] if self._only_city else slots[:, None]:
+            if len(together):
+                home = self.city_at(int(together[0])).distance_to_landing
+                free = np.argwhere(home >= 0).astype(np.int32)
+                scatter_starts(together, *arrays, free, home, self.scenario.budget[1])
         self._splits[index], self._numbers[index] = _CUSTOM, -1
 
     def get_state(self, index: ArrayLike | None = None) -> SimulatorState:
@@ -197,6 +223,8 @@ class Simulator:
             Nothing is changed then.
         """
         put(state, self.scenario.digest, self._arrays(), index)
+        slots = self.slots if index is None else np.asarray(index, dtype=np.int64)
+        self._enter_cities(slots, self.state.key[slots])
 
     def snapshot(self) -> Columns:
         """Return everything that changes, as fresh arrays by name, to be saved in a file: `resume` continues from them."""
@@ -209,7 +237,7 @@ class Simulator:
     def _arrays(self) -> Columns:
         """Return all arrays that change, the simulator's own and the mission's, with a row for each slot."""
         own = {"splits": self._splits, "numbers": self._numbers}
-        return {**self.state._asdict(), **own, **{f"mission.{name}": array for name, array in self.mission.arrays().items()}}
+        return {**self.state.arrays(), **own, **{f"mission.{name}": array for name, array in self.mission.arrays().items()}}
 
     def columns(self) -> Columns:
         """Return the episodes just started in all slots as columns of a table, as a frozen file holds them."""
@@ -307,7 +335,7 @@ class Simulator:
         is blocked. A move to the cell of a UAV that moves earlier is valid, because the cell may be free by then.
         """
         mask = np.empty(self._mask_shape, dtype=np.int8)
-        write_masks(self.state.position, self.state.done, self.city.action_mask, mask)
+        write_masks(self.state.position, self.state.done, *self._maps, mask)
         return mask.reshape(*self._shape, NUM_ACTIONS)
 
     def safe_action_mask(self) -> NDArray[np.int8]:
@@ -315,8 +343,34 @@ class Simulator:
 
         In a team each UAV is looked at alone: another UAV may still stand in its way.
         """
-        position, budget = self.state.position.reshape(-1, 2), self.state.budget.reshape(-1)
-        return self.city.safe_action_mask(position, budget).astype(np.int8).reshape(*self._shape, NUM_ACTIONS)
+        mask = np.empty(self._mask_shape, dtype=np.int8)
+        write_safe_masks(self.state.position, self.state.budget, *self._maps, self._distances_to_landing(), mask)
+        return mask.reshape(*self._shape, NUM_ACTIONS)
+
+    def _distances_to_landing(self) -> NDArray[np.int32]:
+        """Return the distances to landing in the cities of all slots, shape (C, M, N)."""
+        if self._only_city is not None:
+            return self._only_city.distance_to_landing[None]
+        if self._homes is None:
+            self._homes = np.zeros((self.num_envs, *self.scenario.shape), dtype=np.int32)
+        for i in np.flatnonzero(self._homes_keys != self._city_keys).tolist():
+            self._homes[i] = self.city_at(i).distance_to_landing
+        self._homes_keys[:] = self._city_keys
+        return self._homes
+
+    def _enter_cities(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
+        """Write the maps of the cities of the episodes ``keys`` into the slots ``index``, where they are not there already."""
+        if self._only_city is not None:
+            return
+        cities = city_keys(self.scenario, keys)
+        new = np.flatnonzero(cities != self._city_keys[index])
+        rows, cols = self.scenario.shape
+        most = max(1, _CELLS_AT_ONCE // (rows * cols))
+        for first in range(0, len(new), most):
+            part = new[first : first + most]
+            maps = self.state.maps
+            write_maps(index[part], cells_of_cities(self.scenario, cities[part]), maps.layers, maps.blocks)
+            self._city_keys[index[part]] = cities[part]
 
     def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
         """Return the episode just started in slot ``i`` as columns, changed as ``options`` say."""
@@ -324,21 +378,23 @@ class Simulator:
         uavs = read_uavs(options, scenario, int(self.state.uavs[i]))
         columns["uavs"][0] = uavs
         if "start" in options:
-            columns["start"][0, :uavs] = read_start(options["start"], scenario, self.city, uavs)
+            columns["start"][0, :uavs] = read_start(options["start"], scenario, self.city_at(i), uavs)
         if "budget" in options:
             columns["budget"][0, :uavs] = read_budget(options["budget"], scenario, uavs)
         if self.mission.option in options:
-            columns.update(self.mission.parse(options[self.mission.option]))
+            columns.update(self.mission.parse(options[self.mission.option], self.city_at(i)))
         return columns
 
     def _check_fit(self, split: SplitName, frozen: Columns) -> None:
         """Refuse frozen episodes that do not fit the scenario, because it was edited after they were frozen."""
         low, high = self.scenario.budget
-        start, budget = frozen["start"].reshape(-1, 2), frozen["budget"]
-        on_map = (start >= 0).all() and (start < np.array(self.city.shape)).all()
-        fits = on_map and self.city.landing[start[:, 0], start[:, 1]].all()
-        fits &= ("uavs" in frozen) == self.scenario.team and len(start) >= self.scenario.max_uavs * len(budget)
-        fits = fits and budget.min() >= low and budget.max() <= high and self.mission.fits(frozen)
+        budget, uavs = frozen["budget"], frozen["start"].size // 2 // len(frozen["budget"])
+        fits = ("uavs" in frozen) == self.scenario.team and uavs >= self.scenario.max_uavs
+        fits = fits and budget.min() >= low and budget.max() <= high
+        cities = city_keys(self.scenario, frozen["key"])
+        for key in np.unique(cities):
+            there = {name: column[cities == key] for name, column in frozen.items()}
+            fits = fits and self._fit_in_city(there, self._only_city or city_at(self.scenario, key))
         if not fits or not self._draws(frozen):
             raise ScenarioError(
                 f"{self.scenario.path}: splits.{split}.file: its episodes do not fit the scenario, which has changed "
@@ -346,6 +402,12 @@ class Simulator:
                 "nobody has seen a result yet, uavbench freeze --replace"
             )
         self._fitting.add(split)
+
+    def _fit_in_city(self, frozen: Columns, city: City) -> bool:
+        """Return whether frozen episodes can take place in ``city``."""
+        start = frozen["start"].reshape(-1, 2)
+        on_map = (start >= 0).all() and (start < np.array(city.shape)).all()
+        return bool(on_map and city.landing[start[:, 0], start[:, 1]].all()) and self.mission.fits(frozen, city)
 
     def _draws(self, frozen: Columns) -> bool:
         """Return whether the scenario draws the same first frozen episodes from their keys.
@@ -380,6 +442,7 @@ class Simulator:
         """Start the episodes that the rows of ``columns`` describe in the slots ``index``."""
         state = self.state
         min_uavs, max_uavs = self.scenario.uavs or (1, 1)
+        self._enter_cities(index, np.asarray(columns["key"], dtype=np.uint64))
         state.key[index] = columns["key"]
         # `Scenario.with_uavs` may ask for more or fewer than the frozen episode has.
         state.uavs[index] = np.clip(columns.get("uavs", 1), min_uavs, max_uavs)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.simulation.state import State
+from uavbench.simulation.city_maps import fill_landing_cells
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import SCATTER, START, TEAM, next_integer, stream
 
@@ -22,7 +22,9 @@ def draw_starts(
     done: NDArray[np.bool_],
     noise: NDArray[np.bool_],
     reward: NDArray[np.float64],
-    landing_cells: NDArray[np.int32],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
     low: int,
     high: int,
     min_uavs: int,
@@ -34,8 +36,13 @@ def draw_starts(
     how many UAVs fly.
     """
     cursor = np.empty(1, dtype=np.uint64)
+    landing_cells = np.empty(((layers.shape[2] - 2 * margin) * (layers.shape[3] - 2 * margin), 2), dtype=np.int32)
+    listed, number = -1, 0
     for n in range(len(index)):
         i = int(index[n])
+        if city[i] != listed:  # slots in one city share the list
+            listed = city[i]
+            number = fill_landing_cells(layers[listed], margin, landing_cells)
         cursor[0] = stream(key[i], TEAM)
         uavs[i] = min_uavs + next_integer(cursor, max_uavs - min_uavs + 1)
         cursor[0] = stream(key[i], START)
@@ -43,7 +50,7 @@ def draw_starts(
         for u in range(max_uavs):
             r, c, taken = 0, 0, True
             while taken:
-                r, c = landing_cells[next_integer(cursor, len(landing_cells))]
+                r, c = landing_cells[next_integer(cursor, number)]
                 taken = False
                 for w in range(u):
                     taken = taken or (position[i, w, 0] == r and position[i, w, 1] == c)
@@ -57,24 +64,33 @@ def draw_starts(
 
 @kernel
 def scatter_starts(
-    state: State, index: NDArray[np.int64], free: NDArray[np.int32], home: NDArray[np.int32], largest: int
+    index: NDArray[np.int64],
+    key: NDArray[np.uint64],
+    uavs: NDArray[np.int32],
+    position: NDArray[np.int32],
+    previous: NDArray[np.int32],
+    budget: NDArray[np.int32],
+    initial_budget: NDArray[np.int32],
+    free: NDArray[np.int32],
+    home: NDArray[np.int32],
+    largest: int,
 ) -> None:
-    """Draw cells among ``free``, and budgets that suffice to land, for the UAVs of the slots ``index``.
+    """Draw cells among ``free``, and budgets that suffice to land, for the UAVs of the slots ``index``, all in one city.
 
     ``home`` holds the distance to landing of each cell, ``largest`` is the largest budget.
     """
     cursor = np.empty(1, dtype=np.uint64)
     for n in range(len(index)):
         i = int(index[n])
-        cursor[0] = stream(state.key[i], SCATTER)
-        for u in range(state.uavs[i]):
+        cursor[0] = stream(key[i], SCATTER)
+        for u in range(uavs[i]):
             r, c, taken = 0, 0, True
             while taken:
                 r, c = free[next_integer(cursor, len(free))]
                 taken = home[r, c] >= largest
                 for w in range(u):
-                    taken = taken or (state.position[i, w, 0] == r and state.position[i, w, 1] == c)
-            state.position[i, u, 0], state.position[i, u, 1] = r, c
-            state.previous[i, u] = state.position[i, u]
+                    taken = taken or (position[i, w, 0] == r and position[i, w, 1] == c)
+            position[i, u, 0], position[i, u, 1] = r, c
+            previous[i, u] = position[i, u]
             least = int(home[r, c]) + 1
-            state.budget[i, u] = state.initial_budget[i, u] = least + next_integer(cursor, largest - least + 1)
+            budget[i, u] = initial_budget[i, u] = least + next_integer(cursor, largest - least + 1)

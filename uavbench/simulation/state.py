@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.simulation.city_maps import CityMaps, new_maps
 from uavbench.simulation.pooling import count_targets, find_targets, new_counts
 from uavbench.world.scenario import Scenario
 
@@ -14,6 +15,8 @@ class State(NamedTuple):
 
     Attributes
     ----------
+    maps : CityMaps
+        The maps of the cities: see `uavbench.simulation.city_maps`.
     key : ndarray of uint64, shape (B,)
         The episode keys.
     noise : ndarray of bool, shape (B,)
@@ -45,6 +48,7 @@ class State(NamedTuple):
         The rewards of the last step.
     """
 
+    maps: CityMaps
     key: NDArray[np.uint64]
     noise: NDArray[np.bool_]
     uavs: NDArray[np.int32]
@@ -64,11 +68,16 @@ class State(NamedTuple):
     remaining: NDArray[np.float64]
     reward: NDArray[np.float64]
 
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that have a row for each slot, by name: all except the maps, which follow from the keys."""
+        return {name: array for name, array in self._asdict().items() if name != "maps"}
+
 
 def new_state(scenario: Scenario, num_envs: int, max_uavs: int) -> State:
     """Return the state of a batch in which no episode is running (``done`` everywhere)."""
     each, shape, mission = (num_envs, max_uavs), scenario.shape, scenario.mission
     return State(
+        maps=new_maps(scenario, num_envs),
         key=np.zeros(num_envs, dtype=np.uint64),
         noise=np.ones(num_envs, dtype=np.bool_),
         uavs=np.zeros(num_envs, dtype=np.int32),

@@ -17,20 +17,22 @@ class StateView:
     ----------
     scenario : Scenario
         All parameters.
-    city : City
-        Layers, distances, lines of sight.
     uav : int
         The index of the UAV; UAV 0 moves first.
     """
 
-    __slots__ = ("_i", "_simulator", "city", "scenario", "uav")
+    __slots__ = ("_i", "_simulator", "scenario", "uav")
 
     def __init__(self, simulator: Simulator, i: int, uav: int = 0) -> None:
         self.scenario: Scenario = simulator.scenario
-        self.city: City = simulator.city
         self._simulator = simulator
         self._i = i
         self.uav = uav
+
+    @property
+    def city(self) -> City:
+        """The city of the episode: layers, distances, lines of sight."""
+        return self._simulator.city_at(self._i)
 
     @property
     def position(self) -> tuple[int, int]:

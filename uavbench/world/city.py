@@ -135,7 +135,7 @@ class City:
     def visible(self, cell: Sequence[int]) -> NDArray[np.bool_]:
         """Return the cells that a ray from ``cell`` reaches before its first building; shape (M, N)."""
         seen = np.zeros(self.shape, dtype=np.bool_)
-        mark_visible(self.building, cell[0], cell[1], sum(self.shape), seen)
+        mark_visible(self.building, cell[0], cell[1], seen)
         return seen
 
 
@@ -145,7 +145,15 @@ def _city_of_rows(rows: tuple[str, ...]) -> City:
 
 
 def city_of(scenario: Scenario) -> City:
-    """Return the scenario's city; scenarios with the same map share it."""
+    """Return the only city of a scenario; scenarios with the same map share it.
+
+    Raises
+    ------
+    ValueError
+        When the scenario has many cities: then the city of an episode is in its state, `StateView.city`.
+    """
+    if scenario.cities is not None:
+        raise ValueError(f"{scenario.id} has many cities, and each episode has its own: read state.city")
     return _city_of_rows(scenario.rows)
 
 
@@ -191,8 +199,8 @@ def _distances(no_fly: NDArray[np.bool_], sources: NDArray[np.int32]) -> NDArray
 
 
 @kernel
-def mark_visible(building: NDArray[np.bool_], r: int, c: int, steps: int, seen: NDArray[np.bool_]) -> None:
-    """Cast a ray from (r, c) to each border cell; mark in ``seen`` the visible cells that are at most ``steps`` moves away.
+def mark_visible(building: NDArray[np.bool_], r: int, c: int, seen: NDArray[np.bool_]) -> None:
+    """Cast a ray from (r, c) to each border cell, and mark the visible cells in ``seen``.
 
     Visibility is not symmetric: camera rays start at the UAV, radio rays at the device.
     """
@@ -200,11 +208,11 @@ def mark_visible(building: NDArray[np.bool_], r: int, c: int, steps: int, seen: 
     walls, marks = building.reshape(-1), seen.reshape(-1)
     seen[r, c] = True
     for x in range(cols):
-        _cast(walls, cols, r, c, 0, x, steps, marks)
-        _cast(walls, cols, r, c, rows - 1, x, steps, marks)
+        _cast(walls, cols, r, c, 0, x, marks)
+        _cast(walls, cols, r, c, rows - 1, x, marks)
     for y in range(1, rows - 1):
-        _cast(walls, cols, r, c, y, 0, steps, marks)
-        _cast(walls, cols, r, c, y, cols - 1, steps, marks)
+        _cast(walls, cols, r, c, y, 0, marks)
+        _cast(walls, cols, r, c, y, cols - 1, marks)
 
 
 @kernel
@@ -215,10 +223,9 @@ def _cast(
     c0: int,
     r1: int,
     c1: int,
-    steps: int,
     seen: NDArray[np.bool_],
 ) -> None:
-    """Mark the cells on the ray from (r0, c0) to (r1, c1) before its first building, at most ``steps`` moves away.
+    """Mark the cells on the ray from (r0, c0) to (r1, c1) before its first building.
 
     The source cell is not checked, so a ray may start in a building (as in uavSim, where no UAV or device is ever in one).
     This is a variant of Bresenham's line in which one step moves along one axis only, as in uavSim. ``building`` and ``seen``
@@ -228,7 +235,7 @@ def _cast(
     step_c, step_r = (1 if c1 > c0 else -1), (cols if r1 > r0 else -cols)
     error = dx + dy
     cell = r0 * cols + c0
-    for _ in range(min(dx - dy, steps)):
+    for _ in range(dx - dy):
         along = 4 * error > dx + dy  # 2e − dy > dx − 2e
         error += dy if along else dx
         cell += step_c if along else step_r

@@ -14,7 +14,7 @@ from uavbench.world.cells import CHARACTERS, FREE, NO_FLY
 
 if TYPE_CHECKING:
     from uavbench.simulation.missions import Mission
-    from uavbench.world.city import City
+    from uavbench.world.city_source import Cities
     from uavbench.world.scenario import Scenario
 
 
@@ -163,11 +163,15 @@ class MissionParameters(Record):
         """What the targets are, in a few words, for ``uavbench list``."""
 
     @abstractmethod
-    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":
+    def make(self, scenario: "Scenario", num_envs: int) -> "Mission":
         """Return the mission, with arrays for a batch of ``num_envs`` episodes."""
 
     def check_map(self, rows: tuple[str, ...]) -> None:
         """Raise a ValueError that names the wrong parameter if the parameters do not fit the map ``rows``."""
+
+    def check_cities(self, cities: "Cities") -> None:  # noqa: ARG002  # other missions need it
+        """Raise a ValueError if the mission cannot be flown in many cities, or its parameters do not fit each of them."""
+        raise ValueError(f"mission.kind: {self.kind!r} is made for one map: name a map, and leave out the table [cities]")
 
     def viewer(self, shape: tuple[int, int]) -> dict[str, Any] | None:
         """Return what the leaderboard's page needs besides the parameters to fly the mission on a map of ``shape``."""
@@ -226,9 +230,12 @@ class Coverage(MissionParameters):
         """What the targets are, in a few words."""
         return f"{self.target_fraction[0]:.0%}–{self.target_fraction[1]:.0%} of cells"
 
-    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":  # noqa: ARG002  # other missions need it
+    def make(self, scenario: "Scenario", num_envs: int) -> "Mission":  # noqa: ARG002  # other missions need it
         """Return the mission, whose only array is the target map."""
-        return _named("uavbench.simulation.missions.coverage:CoverageMission")(scenario, self, city)
+        return _named("uavbench.simulation.missions.coverage:CoverageMission")(scenario, self)
+
+    def check_cities(self, cities: "Cities") -> None:
+        """Accept any cities: each has a cell that is not a building."""
 
 
 class PathLoss(Record):
@@ -308,9 +315,17 @@ class Harvesting(MissionParameters):
         """What the targets are, in a few words."""
         return f"{self.devices[0]}–{self.devices[1]} devices"
 
-    def make(self, scenario: "Scenario", city: "City", num_envs: int) -> "Mission":
+    def make(self, scenario: "Scenario", num_envs: int) -> "Mission":
         """Return the mission, with the devices of ``num_envs`` episodes."""
-        return _named("uavbench.simulation.missions.harvesting:HarvestingMission")(scenario, self, city, num_envs)
+        return _named("uavbench.simulation.missions.harvesting:HarvestingMission")(scenario, self, num_envs)
+
+    def check_cities(self, cities: "Cities") -> None:
+        """Raise a ValueError if a city may have fewer cells for devices than the largest number of devices."""
+        if cities.least_places < self.devices[1]:
+            raise ValueError(
+                f"cities.places: up to {self.devices[1]} devices need as many cells outside buildings and landing zones, "
+                f"and a city may have only {cities.least_places}"
+            )
 
     def check_map(self, rows: tuple[str, ...]) -> None:
         """Raise a ValueError if the map has fewer cells for devices than the largest number of devices."""

@@ -138,6 +138,8 @@ def _unusable(parameters: type[MissionParameters]) -> str | None:
     missing = sorted(getattr(parameters, "__abstractmethods__", ()))
     if missing:
         return f"it does not define {', '.join(missing)}"
+    if "city" in inspect.signature(parameters.make).parameters:
+        return "its make is called as make(scenario, num_envs), without the city: see docs/missions.md"
     if len(_kinds(parameters)) != 1:
         return 'its kind must be a Literal of one text, as in kind: Literal["surveillance"]'
     return None

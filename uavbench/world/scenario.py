@@ -8,7 +8,7 @@ import hashlib
 import json
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, SupportsIndex
+from typing import Annotated, Any, Literal, SupportsIndex, cast
 
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError, field_validator, model_validator
@@ -16,6 +16,7 @@ from pydantic import BeforeValidator, Field, SerializeAsAny, ValidationError, fi
 from uavbench.errors import UavbenchError, one_line
 from uavbench.world import resources
 from uavbench.world.cells import CHARACTERS, LANDING
+from uavbench.world.city_source import Cities, MapFiles
 from uavbench.world.files import FileError, read_toml
 from uavbench.world.maps import check_map, read_map, rows_of_array
 from uavbench.world.parameters import (
@@ -30,8 +31,6 @@ from uavbench.world.parameters import (
 from uavbench.world.provenance import Provenance
 from uavbench.world.registry import read_mission
 from uavbench.world.values import as_integer
-
-_TABLE_BYTES = 2**30  # the largest table that may be computed in advance for the local observation
 
 SplitName = Literal["train", "validation", "test"]
 SPLITS: tuple[SplitName, ...] = ("train", "validation", "test")
@@ -90,7 +89,9 @@ class Scenario(Record):
     title : str
         A description of one line, for tables.
     map : str
-        The map's file, relative to the scenario's file; see `rows`.
+        The map's file, relative to the scenario's file; see `rows`. Empty if the scenario has many cities.
+    cities : Cities, optional
+        Where the cities come from, if the scenario has many.
     budget : (int, int)
         Smallest and largest movement budget of an episode; in a team each UAV has its own.
     uavs : (int, int), optional
@@ -98,14 +99,16 @@ class Scenario(Record):
     rewards, observation, mission, splits, provenance
         See their classes.
     rows : tuple of str
-        The map, one character per cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building, ``b`` low building.
+        The map if there is only one, one character per cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building,
+        ``b`` low building.
     path : Path
         The file that the scenario was read from.
     """
 
     id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
     title: str
-    map: str
+    map: str = ""
+    cities: Cities | None = None
     budget: tuple[Count, Count]
     uavs: tuple[TeamSize, TeamSize] | None = None
     rewards: Rewards
@@ -113,7 +116,7 @@ class Scenario(Record):
     mission: SerializeAsAny[Annotated[MissionParameters, BeforeValidator(read_mission)]]
     splits: Splits = Splits()
     provenance: Provenance | None = None
-    rows: tuple[str, ...]
+    rows: tuple[str, ...] = ()
     path: Path
 
     _ranges = field_validator("budget")(ordered)
@@ -133,17 +136,22 @@ class Scenario(Record):
 
     @model_validator(mode="after")
     def _fits(self) -> "Scenario":
+        if bool(self.rows) == (self.cities is not None):
+            raise ValueError("map: is missing: name a map's file, or write a table [cities]; not both")
         _check_sizes(self.observation, self.shape)
-        starts = sum(row.count(CHARACTERS[LANDING]) for row in self.rows)
+        starts = self.cities.least_landing_cells if self.cities else sum(row.count(CHARACTERS[LANDING]) for row in self.rows)
         if starts < self.max_uavs:
             raise ValueError(f"uavs: up to {self.max_uavs} start in landing cells of their own, and the map has {starts}")
-        self.mission.check_map(self.rows)
+        if self.cities is None:
+            self.mission.check_map(self.rows)
+        else:
+            self.mission.check_cities(self.cities)
         return self
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the map."""
-        return len(self.rows), len(self.rows[0])
+        return self.cities.map_shape if self.cities else (len(self.rows), len(self.rows[0]))
 
     @property
     def observation_bytes(self) -> int:
@@ -166,9 +174,18 @@ class Scenario(Record):
     def digest(self) -> str:
         """SHA-256 of everything that defines the scenario; the title and the names of files are not part of it."""
         parts = self.model_dump(mode="json", exclude={"title", "map", "path", "provenance"}, exclude_defaults=True)
-        for part in (parts["mission"], *parts.get("splits", {}).values()):
+        for part in (parts["mission"], parts.get("cities", {}), *parts.get("splits", {}).values()):
             part.pop("file", None)  # the SHA-256 of the file remains in the digest
+            part.pop("files", None)  # and the content of maps
         return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+    @cached_property
+    def map_digest(self) -> str:
+        """SHA-256 of the map; if there are many, of what decides which cities there are."""
+        if self.cities is None:
+            return hashlib.sha256("\n".join(self.rows).encode()).hexdigest()
+        parts = self.cities.model_dump_json(exclude={"file", "files"})
+        return hashlib.sha256(parts.encode()).hexdigest()
 
     def with_observation(self, local_size: int | None = None, global_scale: int | None = None) -> "Scenario":
         """Return the same scenario with another local size or global scale of the observation.
@@ -267,6 +284,7 @@ class Scenario(Record):
         largest = 2 * min(len(rows), len(rows[0]) if rows else 0) - 1
         sizes = {name: min(size, max(1, largest)) for name, size in origin.observation.model_dump().items()}
         own = {"id": "Custom-v0", "title": "", "map": "", "observation": sizes, "splits": Splits(), "path": Path()}
+        own |= {"cities": None, "provenance": None}
         try:
             return cls.model_validate({**dict(origin), **own, **changes, "rows": rows})
         except ValidationError as error:
@@ -294,19 +312,11 @@ class Scenario(Record):
 
 
 def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
-    """Raise a ValueError if observation sizes exceed the centred map, or need too large a table."""
+    """Raise a ValueError if observation sizes exceed the centred map."""
     largest = 2 * min(shape) - 1
     for name, size in observation.model_dump().items():
         if size > largest:
             raise ValueError(f"observation.{name}: {size} exceeds {largest}, the shorter side of the centred map")
-    rows, cols = shape
-    size = observation.local_size
-    needed = 3 * 4 * cols * (rows + size) * size  # bytes: three static layers, cut out for every cell in advance
-    if needed > _TABLE_BYTES:
-        raise ValueError(
-            f"observation.local_size: {size} on a map of {rows} × {cols} cells needs a table of {needed >> 20:,} MB, "
-            f"and at most {_TABLE_BYTES >> 20:,} MB are allowed: choose a smaller one"
-        )
 
 
 _TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's types of errors for values that should be tables
@@ -337,6 +347,21 @@ def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
         raise ScenarioError(f"{path}: map: {error}") from None
 
 
+def _read_city_maps(path: Path, cities: Any) -> None:
+    """Read the maps that the table ``[cities]`` names, if it names any, into the table."""
+    if not isinstance(cities, dict):
+        return
+    table = cast("dict[str, Any]", cities)
+    if "maps" in table:
+        raise ScenarioError(f"{path}: cities.maps: unknown key")
+    try:
+        files = MapFiles.model_validate(table.get("files")) if "files" in table else None
+    except ValidationError as error:
+        raise ScenarioError(f"{path}: cities.files.{_first(error)}") from None
+    if files is not None:
+        table["maps"] = {split: [_read_map(path.parent / name, path) for name in names] for split, names in files}
+
+
 def _load(path: Path, run_code: bool = True) -> Scenario:
     """Load the TOML file ``path``, the map that it names, and the mission's Python file if it names one."""
     try:
@@ -346,6 +371,7 @@ def _load(path: Path, run_code: bool = True) -> Scenario:
     for name in ("rows", "path"):
         if name in values:
             raise ScenarioError(f"{path}: {name}: unknown key")
+    _read_city_maps(path, values.get("cities"))
     if isinstance(values.get("map"), str):
         values["rows"] = _read_map(path.parent / values["map"], path)
     mission: Any = values.get("mission")

@@ -40,7 +40,7 @@ def test_the_guess_at_the_device_served_next_changes_nothing(guesses, number, no
         simulators[1].mission._served_last[:] = guess
         for each in simulators:
             each.step([action])
-        first, second = ((*each.state, *each.mission.arrays().values()) for each in simulators)
+        first, second = ((*each.state.arrays().values(), *each.mission.arrays().values()) for each in simulators)
         assert [part.tobytes() for part in first] == [part.tobytes() for part in second]
 
 

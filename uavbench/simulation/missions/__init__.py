@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from uavbench.simulation.state import State
+    from uavbench.world.city import City
     from uavbench.world.episode import Columns
 
 
@@ -21,6 +22,9 @@ class Mission(ABC):
     A mission maintains the target map of the state (``target``, and ``counts`` or ``spots`` if its parameters name such a
     ``pooling``), the sums over it (``total`` and ``remaining``), the mission's own layers of the observation (``layers``), and
     any other arrays that it needs, which it names in `arrays`.
+
+    The maps of the slots' cities are in the state, ``state.maps``. A mission that is made for one map may also read
+    `uavbench.world.city.city_of` of its scenario.
     """
 
     #: How many threads `sample` and `collect` may use. The simulator sets it; a mission may use fewer.
@@ -42,12 +46,12 @@ class Mission(ABC):
         """Start episodes in the slots ``index`` with the targets in the rows of ``columns``, and reset the mission's arrays."""
 
     @abstractmethod
-    def fits(self, columns: "Columns") -> bool:
-        """Return whether frozen columns can belong to this scenario."""
+    def fits(self, columns: "Columns", city: "City") -> bool:
+        """Return whether frozen columns can belong to this scenario; all their episodes take place in ``city``."""
 
     @abstractmethod
-    def parse(self, value: Any) -> "Columns":
-        """Turn the value of the option of ``reset`` into columns with one row; raise a ValueError if the value is wrong."""
+    def parse(self, value: Any, city: "City") -> "Columns":
+        """Turn the value of the option of ``reset`` into columns with one row; raise a ValueError if it is wrong there."""
 
     @abstractmethod
     def collect(self, state: "State", uav: int) -> None:
@@ -71,6 +75,6 @@ class Mission(ABC):
         """
         return np.zeros((0, 2), dtype=np.int32), np.zeros(0)
 
-    def shade(self, i: int) -> NDArray[np.float32] | None:
-        """Return how dark pictures of slot ``i`` draw each cell, shape (M, N), in [0, 1]; None for no shade."""
+    def shade(self, i: int, city: "City") -> NDArray[np.float32] | None:
+        """Return how dark pictures of slot ``i`` draw each cell of its city, shape (M, N), in [0, 1]; None for no shade."""
         return None

@@ -10,11 +10,13 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from uavbench.simulation.city_maps import margin_of
 from uavbench.simulation.missions import Mission
+from uavbench.simulation.missions.camera import trees_of, view_from, views_from_all
 from uavbench.simulation.missions.shapes import draw_shapes
 from uavbench.simulation.pooling import count_targets, remove_target
 from uavbench.simulation.state import State
-from uavbench.world.city import City, city_of, mark_visible
+from uavbench.world.city import City, city_of
 from uavbench.world.episode import Columns
 from uavbench.world.kernel import kernel, parallel_kernel, share
 from uavbench.world.keyed import CONTENT, stream
@@ -32,25 +34,30 @@ class CoverageMission(Mission):
     Attributes
     ----------
     views : ndarray of uint64, shape (M, N)
-        What the camera sees from each cell: see `camera_views`.
+        What the camera sees from each cell, if the scenario has one map: see `camera_views`. Otherwise of shape (0, 0), and
+        each view is computed when it is needed.
     """
 
     option = "targets"
 
-    def __init__(self, scenario: Scenario, parameters: Coverage, city: City) -> None:
+    def __init__(self, scenario: Scenario, parameters: Coverage) -> None:
         self._name = str(scenario.path)
         self._parameters = parameters
-        self._city = city
+        self._shape = scenario.shape
+        self._margin = margin_of(scenario)
         self._collect_reward = scenario.rewards.collect
-        self.views = camera_views(scenario)
+        self._reach = parameters.camera_size // 2
+        self._trees = trees_of(self._reach)
+        self.views = camera_views(scenario) if scenario.cities is None else np.empty((0, 0), dtype=np.uint64)
 
     def sample(self, state: State, index: NDArray[np.int64]) -> None:
         """Draw random shapes until they cover the required fraction of all cells; targets are their cells outside buildings."""
         low, high = self._parameters.target_fraction
         min_shapes, max_shapes = self._parameters.shapes
-        attempts = min(_ATTEMPTS, max(_MIN_ATTEMPTS, _PAINTED // (self._city.building.size * max_shapes)))
-        arrays = (state.key, state.target, state.counts, state.total, state.remaining)
-        drawn = (self._city.building, min_shapes, max_shapes, low, high, attempts)
+        cells = self._shape[0] * self._shape[1]
+        attempts = min(_ATTEMPTS, max(_MIN_ATTEMPTS, _PAINTED // (cells * max_shapes)))
+        arrays = (state.key, state.target, state.counts, state.total, state.remaining, state.maps.city, state.maps.layers)
+        drawn = (self._margin, min_shapes, max_shapes, low, high, attempts)
         if not (_sample_apart(self.threads, index, *arrays, *drawn) if self.threads > 1 else _sample(index, *arrays, *drawn)):
             raise ScenarioError(
                 f"{self._name}: mission.target_fraction: {min_shapes} to {max_shapes} shapes did not cover {low} to {high} "
@@ -63,33 +70,33 @@ class CoverageMission(Mission):
 
     def restore(self, state: State, index: NDArray[np.int64], columns: Columns) -> None:
         """Set target maps from packed bits."""
-        rows, cols = self._city.shape
+        rows, cols = self._shape
         bits = np.unpackbits(columns["targets"].astype(np.uint8), axis=1, count=rows * cols)
         state.target[index] = bits.reshape(-1, rows, cols)
         state.total[index] = state.remaining[index] = bits.sum(axis=1)
         for i in index.tolist():
             count_targets(state.target[i], state.counts[i])
 
-    def fits(self, columns: Columns) -> bool:
+    def fits(self, columns: Columns, city: City) -> bool:
         """Return whether frozen columns can belong to this scenario: a bit for every cell, and no target on a building."""
         if "targets" not in columns:
             return False
-        cells = self._city.building.size
+        cells = city.building.size
         targets = columns["targets"]
         if targets.shape[1] != (cells + 7) // 8:
             return False
-        return not np.unpackbits(targets.astype(np.uint8), axis=1, count=cells)[:, self._city.building.reshape(-1)].any()
+        return not np.unpackbits(targets.astype(np.uint8), axis=1, count=cells)[:, city.building.reshape(-1)].any()
 
-    def parse(self, value: Any) -> Columns:
+    def parse(self, value: Any, city: City) -> Columns:
         """Turn a mask of targets, shape (M, N), into columns."""
         mask = as_array(value)
         if mask is None:
             raise ValueError(f"targets: {shown(value)} is not a mask: rows of 0 and 1 (or False and True), all of one length")
-        if mask.shape != self._city.shape:
-            raise ValueError(f"targets: the mask has shape {mask.shape}, the map {self._city.shape}")
+        if mask.shape != city.shape:
+            raise ValueError(f"targets: the mask has shape {mask.shape}, the map {city.shape}")
         if not np.isin(mask, (0, 1)).all():
             raise ValueError("targets: the mask holds values other than 0 and 1 (or False and True)")
-        wrong = np.argwhere(mask.astype(bool) & self._city.building)
+        wrong = np.argwhere(mask.astype(bool) & city.building)
         if len(wrong):
             raise ValueError(f"targets: cell {tuple(wrong[0].tolist())} is a building; buildings cannot be targets")
         if not mask.any():
@@ -106,8 +113,12 @@ class CoverageMission(Mission):
             state.counts,
             state.remaining,
             state.reward,
+            state.maps.city,
+            state.maps.layers,
+            self._margin,
             self.views,
-            self._parameters.camera_size // 2,
+            *self._trees,
+            self._reach,
             self._collect_reward,
         )
         if self.threads > 1:
@@ -116,8 +127,15 @@ class CoverageMission(Mission):
             _collect(0, len(state.done), *arrays)
 
 
-def camera_views(scenario: Scenario) -> NDArray[np.uint64]:
+def camera_views(scenario: Scenario, city: City | None = None) -> NDArray[np.uint64]:
     """Return what the camera sees from each cell of a CPP scenario.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        A CPP scenario.
+    city : City, optional
+        The city; by default the scenario's only one.
 
     Returns
     -------
@@ -126,38 +144,19 @@ def camera_views(scenario: Scenario) -> NDArray[np.uint64]:
         and visible from the cell; s is the camera's size.
     """
     assert isinstance(scenario.mission, Coverage)
-    return _views(city_of(scenario), scenario.mission.camera_size // 2)
+    return _views(city_of(scenario) if city is None else city, scenario.mission.camera_size // 2)
 
 
-def camera_gain(scenario: Scenario, target: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return how many cells of the target map, shape (M, N), the camera would newly cover from each cell."""
+def camera_gain(scenario: Scenario, target: NDArray[np.float32], city: City | None = None) -> NDArray[np.int32]:
+    """Return how many cells of a target map, shape (M, N), the camera would newly cover from each cell: see `camera_views`."""
     assert isinstance(scenario.mission, Coverage)
-    return _gain(camera_views(scenario), scenario.mission.camera_size // 2, target)
+    return _gain(camera_views(scenario, city), scenario.mission.camera_size // 2, target)
 
 
 @lru_cache(maxsize=32)
 def _views(city: City, reach: int) -> NDArray[np.uint64]:
-    views = _all_views(city.building, reach)
+    views = views_from_all(city.building, 0, reach, *trees_of(reach))
     views.flags.writeable = False
-    return views
-
-
-@kernel
-def _all_views(building: NDArray[np.bool_], reach: int) -> NDArray[np.uint64]:
-    """Compute the views of all cells: see `camera_views`."""
-    rows, cols = building.shape
-    views = np.zeros((rows, cols), dtype=np.uint64)
-    seen = np.zeros((rows, cols), dtype=np.bool_)
-    for r in range(rows):
-        for c in range(cols):
-            mark_visible(building, r, c, 2 * reach, seen)  # the square's corners are 2 · reach moves away
-            bit = np.uint64(1)
-            for y in range(r - reach, r + reach + 1):
-                for x in range(c - reach, c + reach + 1):
-                    if 0 <= y < rows and 0 <= x < cols and seen[y, x] and not building[y, x]:
-                        views[r, c] |= bit
-                    bit <<= np.uint64(1)
-            seen[max(0, r - 2 * reach) : r + 2 * reach + 1, max(0, c - 2 * reach) : c + 2 * reach + 1] = False
     return views
 
 
@@ -169,7 +168,9 @@ def _sample(
     counts: NDArray[Any],
     total: NDArray[np.float64],
     remaining: NDArray[np.float64],
-    building: NDArray[np.bool_],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
     min_shapes: int,
     max_shapes: int,
     low: float,
@@ -178,8 +179,8 @@ def _sample(
 ) -> bool:
     """Draw the targets of the slots ``index``; return False if the attempts of a slot were not enough."""
     cursor = np.empty(1, dtype=np.uint64)
-    grid = np.empty(building.shape, dtype=np.uint8)
-    cells = building.size
+    grid = np.empty(target.shape[1:], dtype=np.uint8)
+    cells = grid.size
     for n in range(len(index)):
         i = int(index[n])
         cursor[0] = stream(key[i], CONTENT)
@@ -187,7 +188,7 @@ def _sample(
         for _ in range(attempts):
             painted, _placed = draw_shapes(cursor, min_shapes, max_shapes, grid)
             if low * cells <= painted <= high * cells:
-                left = _keep(grid, building, target[i])
+                left = _keep(grid, layers[city[i], 2], margin, target[i])
                 if left > 0:
                     break
         if left == 0:
@@ -208,14 +209,15 @@ def _sample_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> bool:
 
 
 @kernel
-def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], target: NDArray[np.float32]) -> int:
+def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], margin: int, target: NDArray[np.float32]) -> int:
     """Make targets of the painted cells that are not buildings; return their number."""
-    left = 0
-    painted, walls, kept = grid.reshape(-1), building.reshape(-1), target.reshape(-1)
-    for c in range(len(painted)):
-        keep = painted[c] & ~walls[c] & 1
-        kept[c] = keep
-        left += keep
+    left, cols = 0, grid.shape[1]
+    for r in range(grid.shape[0]):
+        painted, walls, kept = grid[r], building[r + margin, margin : margin + cols], target[r]
+        for c in range(cols):
+            keep = painted[c] & ~walls[c] & 1
+            kept[c] = keep
+            left += keep
     return left
 
 
@@ -230,7 +232,12 @@ def _collect(
     counts: NDArray[Any],
     remaining: NDArray[np.float64],
     reward: NDArray[np.float64],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
     views: NDArray[np.uint64],
+    first_nodes: NDArray[np.int32],
+    nodes: NDArray[np.int32],
     reach: int,
     value: float,
 ) -> None:
@@ -240,7 +247,7 @@ def _collect(
         if done[i, uav]:
             continue
         r, c = position[i, uav, 0], position[i, uav, 1]
-        view = views[r, c]
+        view = views[r, c] if len(views) else view_from(layers[city[i], 2], margin, r, c, reach, first_nodes, nodes)
         gain = 0
         for y in range(side):
             for x in range(side):

@@ -12,10 +12,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from uavbench.simulation.city_maps import margin_of
 from uavbench.simulation.missions import Mission
 from uavbench.simulation.missions.channel import Channel, channel_of, log_below, log_snr_of, square_of
 from uavbench.simulation.state import State
-from uavbench.world.city import City, mark_visible
+from uavbench.world.city import City, city_of, mark_visible
 from uavbench.world.episode import Columns
 from uavbench.world.kernel import kernel, parallel_kernel, share
 from uavbench.world.keyed import CONTENT, NOISE, element, next_integer, next_uniform, normal_above, normal_of, stream
@@ -50,7 +51,9 @@ class Devices(NamedTuple):
 
 
 class Sights(NamedTuple):
-    """A cache of lines of sight: the views from at most 4096 cells, so that its size is linear in the size of the map.
+    """A cache of lines of sight in one city: the views from at most 4096 cells, so that its size is linear in that of the map.
+
+    A scenario with many cities has no cache: its arrays have no entries.
 
     Attributes
     ----------
@@ -69,13 +72,12 @@ class HarvestingMission(Mission):
 
     option = "devices"
 
-    def __init__(self, scenario: Scenario, parameters: Harvesting, city: City, num_envs: int) -> None:
+    def __init__(self, scenario: Scenario, parameters: Harvesting, num_envs: int) -> None:
         self._parameters = parameters
-        self._city = city
+        self._margin = margin_of(scenario)
         self._collect_reward = scenario.rewards.collect
-        self._channel = channel_of(parameters, city.shape)
-        self._sights = _sights_of(city)
-        self._places = np.argwhere(~(city.building | city.landing)).astype(np.int32)
+        self._channel = channel_of(parameters, scenario.shape)
+        self._sights = _sights_of(city_of(scenario)) if scenario.cities is None else _new_sights(scenario.shape, 0)
         max_devices = parameters.devices[1]
         self._served_last = np.full((num_envs, scenario.max_uavs), -1)  # by each UAV: probably it serves the same device next
         self.devices = Devices(
@@ -90,7 +92,8 @@ class HarvestingMission(Mission):
         low, high = self._parameters.data
         min_devices, max_devices = self._parameters.devices
         d = self.devices
-        _sample(index, state.key, d.number, d.cell, d.data, self._places, min_devices, max_devices, low, high)
+        maps = (state.maps.city, state.maps.layers, self._margin)
+        _sample(index, state.key, d.number, d.cell, d.data, *maps, min_devices, max_devices, low, high)
         self._place(state, index)
 
     def columns(self, state: State, index: NDArray[np.int64]) -> Columns:
@@ -112,23 +115,23 @@ class HarvestingMission(Mission):
     def _place(self, state: State, index: NDArray[np.int64]) -> None:
         """Compute everything that follows from the devices of the slots ``index``."""
         arrays = (state.target, state.spots, state.num_spots, state.total, state.remaining)
-        _place(index, *arrays, *self.devices, self._city.building, self._sights)
+        _place(index, *arrays, *self.devices, state.maps.city, state.maps.layers, self._margin, self._sights)
 
-    def fits(self, columns: Columns) -> bool:
+    def fits(self, columns: Columns, city: City) -> bool:
         """Return whether frozen columns can belong to this scenario: all devices in allowed cells, with data in the range."""
         if not {"device_count", "device_cell", "device_data"} <= columns.keys():
             return False
         low, high = self._parameters.data
-        (min_devices, max_devices), (rows, cols) = self._parameters.devices, self._city.shape
+        (min_devices, max_devices), (rows, cols) = self._parameters.devices, city.shape
         there = np.arange(max_devices) < columns["device_count"][:, None]
         r, c = columns["device_cell"][..., 0], columns["device_cell"][..., 1]
         if r.shape != there.shape or columns["device_count"].min() < min_devices or r.max() >= rows or c.max() >= cols:
             return False
-        free = ~(self._city.building | self._city.landing)
+        free = ~(city.building | city.landing)
         data = columns["device_data"]
         return bool((free[r, c] & (data >= low) & (data <= high))[there].all())
 
-    def parse(self, value: Any) -> Columns:
+    def parse(self, value: Any, city: City) -> Columns:
         """Turn rows (row, column, data), shape (K, 3), into columns."""
         table = as_array(value)
         if table is None:
@@ -139,12 +142,12 @@ class HarvestingMission(Mission):
             raise ValueError(f"devices: shape {table.shape}, expected (number of devices, 3): rows [row, column, data]")
         if not 1 <= len(table) <= max_devices:
             raise ValueError(f"devices: {len(table)} devices, but the scenario has 1 to {max_devices}")
-        rows, cols = self._city.shape
+        rows, cols = city.shape
         for k, (r, c, data) in enumerate(table.tolist()):
             if not (0 <= r < rows and 0 <= c < cols and r.is_integer() and c.is_integer()):
                 raise ValueError(f"devices: device {k} at ({r:g}, {c:g}) is not on a cell of the {rows}×{cols} map")
             for layer in ("building", "landing"):
-                if getattr(self._city, layer)[int(r), int(c)]:
+                if getattr(city, layer)[int(r), int(c)]:
                     raise ValueError(f"devices: device {k} at ({r:g}, {c:g}) is in a {layer} cell")
             if not 0 < data <= largest:
                 raise ValueError(f"devices: device {k} has {data:g} data units, must be above 0 and at most {largest:g}")
@@ -192,11 +195,11 @@ class HarvestingMission(Mission):
         d, k = self.devices, self.devices.number[i]
         return d.cell[i, :k], d.data[i, :k]
 
-    def shade(self, i: int) -> NDArray[np.float32]:
+    def shade(self, i: int, city: City) -> NDArray[np.float32]:
         """Return for each cell the share of devices without line of sight to it; 0 for buildings."""
         cells: list[list[int]] = self.marks(i)[0].tolist()
-        unseen = sum((~self._city.visible(cell)).astype(np.float32) for cell in cells)
-        return np.where(self._city.building, 0.0, unseen / max(len(cells), 1)).astype(np.float32)
+        unseen = sum((~city.visible(cell)).astype(np.float32) for cell in cells)
+        return np.where(city.building, 0.0, unseen / max(len(cells), 1)).astype(np.float32)
 
 
 @kernel
@@ -206,7 +209,9 @@ def _sample(
     number: NDArray[np.int32],
     cell: NDArray[np.int32],
     data: NDArray[np.float64],
-    places: NDArray[np.int32],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
     min_devices: int,
     max_devices: int,
     low: float,
@@ -214,8 +219,13 @@ def _sample(
 ) -> None:
     """Draw the devices of the slots ``index``."""
     cursor = np.empty(1, dtype=np.uint64)
+    places = np.empty(((layers.shape[2] - 2 * margin) * (layers.shape[3] - 2 * margin), 2), dtype=np.int32)
+    listed, number_of_places = -1, 0
     for n in range(len(index)):
         i = int(index[n])
+        if city[i] != listed:  # slots in one city share the list
+            listed = city[i]
+            number_of_places = _fill_places(layers[listed], margin, places)
         cursor[0] = stream(key[i], CONTENT)
         cell[i] = 0
         data[i] = 0.0
@@ -223,7 +233,7 @@ def _sample(
         for k in range(number[i]):
             r, c, taken = 0, 0, True
             while taken:
-                r, c = places[next_integer(cursor, len(places))]
+                r, c = places[next_integer(cursor, number_of_places)]
                 taken = False
                 for j in range(k):
                     taken = taken or (cell[i, j, 0] == r and cell[i, j, 1] == c)
@@ -231,29 +241,47 @@ def _sample(
             data[i, k] = next_uniform(cursor, low, high)
 
 
+@kernel
+def _fill_places(layers: NDArray[np.bool_], margin: int, places: NDArray[np.int32]) -> int:
+    """Write the cells of one map where devices may be to ``places``, in row-major order; return their number."""
+    number = 0
+    for r in range(layers.shape[1] - 2 * margin):
+        for c in range(layers.shape[2] - 2 * margin):
+            places[number, 0], places[number, 1] = r, c
+            number += not (layers[0, r + margin, c + margin] or layers[2, r + margin, c + margin])
+    return number
+
+
 @lru_cache(maxsize=32)
 def _sights_of(city: City) -> Sights:
     """Return the cache of a city, which is empty at first; all simulators of the city share it."""
-    cells = city.shape[0] * city.shape[1]
-    places = min(cells, _CACHED_SIGHTS)
-    return Sights(np.full(places, -1, dtype=np.int64), np.zeros((places, (cells + 7) // 8), dtype=np.uint8))
+    return _new_sights(city.shape, min(city.building.size, _CACHED_SIGHTS))
+
+
+def _new_sights(shape: tuple[int, int], entries: int) -> Sights:
+    """Return an empty cache for maps of ``shape``."""
+    packed = (shape[0] * shape[1] + 7) // 8
+    return Sights(np.full(entries, -1, dtype=np.int64), np.zeros((entries, packed), dtype=np.uint8))
 
 
 @kernel
-def _sight(sights: Sights, building: NDArray[np.bool_], r: int, c: int, seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return the packed view from (r, c), which is computed if the cache does not hold it; ``seen`` is scratch space."""
-    rows, cols = building.shape
-    cell = r * cols + c
-    place = cell % len(sights.owner)
-    bits = sights.bits[place]
-    if sights.owner[place] != cell:
-        seen[:] = False
-        mark_visible(building, r, c, rows + cols, seen)
-        bits[:] = 0
-        for k, visible in enumerate(seen.reshape(-1)):
-            bits[k >> 3] |= visible << (k & 7)
+def _write_sight(
+    sights: Sights, building: NDArray[np.bool_], r: int, c: int, seen: NDArray[np.bool_], out: NDArray[np.uint8]
+) -> None:
+    """Write the packed view from (r, c), which is computed if the cache does not hold it; ``seen`` is scratch space."""
+    cell = r * building.shape[1] + c
+    place = cell % len(sights.owner) if len(sights.owner) else -1
+    if place >= 0 and sights.owner[place] == cell:
+        out[:] = sights.bits[place]
+        return
+    seen[:] = False
+    mark_visible(building, r, c, seen)
+    out[:] = 0
+    for k, visible in enumerate(seen.reshape(-1)):
+        out[k >> 3] |= visible << (k & 7)
+    if place >= 0:
+        sights.bits[place] = out
         sights.owner[place] = cell
-    return bits
 
 
 @kernel
@@ -268,12 +296,19 @@ def _place(
     cell: NDArray[np.int32],
     data: NDArray[np.float64],
     sight: NDArray[np.uint8],
-    building: NDArray[np.bool_],
+    city: NDArray[np.int64],
+    layers: NDArray[np.bool_],
+    margin: int,
     sights: Sights,
 ) -> None:
     """Compute the target map, the lines of sight and the sums of the slots ``index`` from their devices."""
-    seen = np.empty(building.shape, dtype=np.bool_)
+    rows, cols = target.shape[1:]
+    seen, building = np.empty((rows, cols), dtype=np.bool_), np.empty((rows, cols), dtype=np.bool_)
+    copied = -1
     for i in index:
+        if city[i] != copied:  # slots in one city share the copy
+            copied = city[i]
+            building[:] = layers[copied, 2, margin : margin + rows, margin : margin + cols]
         for j in range(num_spots[i]):
             target[i, spots[i, j, 0], spots[i, j, 1]] = 0.0
         spots[i] = cell[i]
@@ -283,7 +318,7 @@ def _place(
             r, c = cell[i, k]
             target[i, r, c] = data[i, k]
             total[i] += data[i, k]
-            sight[i, k] = _sight(sights, building, r, c, seen)
+            _write_sight(sights, building, r, c, seen, sight[i, k])
         remaining[i] = total[i]
 
 

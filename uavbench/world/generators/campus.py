@@ -34,7 +34,9 @@ def draw_campus(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, want
             left_tiles = (high - i) * wide - j
             turn = _DIRECTIONS[few if next_integer(cursor, 4) == 0 else most]
             aim = wanted / left_tiles * next_uniform(cursor, 0.6, 1.4)
-            wanted -= _build(cursor, canvas.city, window, (y0, x0, y1, x1), (turn[0], -turn[1] if mirrored else turn[1], turn[2]), aim)
+            wanted -= _build(
+                cursor, canvas.city, window, (y0, x0, y1, x1), (turn[0], -turn[1] if mirrored else turn[1], turn[2]), aim
+            )
 
 
 @kernel

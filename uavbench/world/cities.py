@@ -1,0 +1,194 @@
+"""The cities of a scenario: which one an episode has, and drawing them.
+
+A scenario with one map has one city. Otherwise the key of an episode gives the key of its city, so that nothing else need be
+stored. The two highest bits of a city's key name the split, as in the keys of episodes: the cities of the splits are disjoint.
+"""
+
+import hashlib
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavbench.world.cells import CHARACTERS, cells_of
+from uavbench.world.city import City
+from uavbench.world.city_source import Cities
+from uavbench.world.episode import Columns, episode_keys
+from uavbench.world.files import ARRAYS_BYTES, FileError, read_bounded, unpack_arrays
+from uavbench.world.generators import draw_cities
+from uavbench.world.kernel import kernel
+from uavbench.world.keyed import CITY, stream
+from uavbench.world.scenario import SPLITS, Scenario, ScenarioError, SplitName
+
+#: The splits whose generated cities may be frozen in a file.
+FROZEN: tuple[SplitName, ...] = ("validation", "test")
+_NUMBER = np.uint64(2**62 - 1)  # the bits of a key that are not the split's
+
+
+def city_keys(scenario: Scenario, keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return the keys of the cities of the episodes ``keys``, shape (K,); 0 for all if the scenario has one map.
+
+    Validation and test episode n takes place in city n modulo the number of cities. In the train split, and in episodes that
+    belong to no split, the city is drawn from the episode's key.
+    """
+    source = scenario.cities
+    found = np.zeros(len(keys), dtype=np.uint64)
+    if source is None:
+        return found
+    counts = [city_count(source, split) for split in SPLITS]
+    # Episodes of no split take place in cities of their own, or in the test split's maps.
+    fresh = counts[-1] if source.maps is not None else 0
+    numbers = np.array([*counts, fresh], dtype=np.uint64)
+    _write_city_keys(keys, numbers, found)
+    return found
+
+
+def city_count(source: Cities, split: SplitName) -> int:
+    """Return how many cities a split has; 0 if the number is not limited."""
+    if source.maps is not None:
+        return len(getattr(source.maps, split))
+    return getattr(source, split) or 0
+
+
+def city_numbers(scenario: Scenario, split: SplitName, numbers: NDArray[np.int64]) -> NDArray[np.int64] | None:
+    """Return the number of the city of each of the episodes ``numbers`` of ``split``; None if the scenario has one map.
+
+    Episodes with the same number of the city are in the same city: they are not independent.
+    """
+    if scenario.cities is None:
+        return None
+    return (city_keys(scenario, episode_keys(split, numbers)) & _NUMBER).astype(np.int64)
+
+
+def city_key(scenario: Scenario, split: SplitName, number: int) -> np.uint64:
+    """Return the key of city ``number`` of ``split``.
+
+    Raises
+    ------
+    ValueError
+        When the scenario has one map, or the split has no such city.
+    """
+    source = scenario.cities
+    if source is None:
+        raise ValueError(f"city: {scenario.id} has one map")
+    count = city_count(source, split) or int(_NUMBER) + 1
+    if not 0 <= number < count:
+        raise ValueError(f"city: {number} is out of range; {scenario.id} has {split} cities 0 to {count - 1}")
+    return episode_keys(split, np.array([number], dtype=np.int64))[0]
+
+
+def cells_of_cities(scenario: Scenario, keys: NDArray[np.uint64]) -> NDArray[np.uint8]:
+    """Return the maps of the cities ``keys`` as codes of cells, shape (K, M, N).
+
+    Raises
+    ------
+    ScenarioError
+        When the file of frozen cities is missing or damaged.
+    """
+    if scenario.cities is None:
+        return np.broadcast_to(cells_of(scenario.rows), (len(keys), *scenario.shape))
+    cells = np.empty((len(keys), *scenario.shape), dtype=np.uint8)
+    splits = (keys >> np.uint64(62)).astype(np.int64)
+    for place in np.unique(splits).tolist():
+        index = np.flatnonzero(splits == place)
+        known = _known_cities(scenario, place)
+        if known is None:
+            cells[index] = draw_city_cells(scenario.cities, keys[index])
+        else:
+            cells[index] = known[(keys[index] & _NUMBER).astype(np.int64)]
+    return cells
+
+
+def draw_city_cells(source: Cities, keys: NDArray[np.uint64]) -> NDArray[np.uint8]:
+    """Return the cities ``keys`` as the generator of the source draws them now, whether or not they are frozen."""
+    assert source.generator is not None
+    cells = np.empty((len(keys), *source.map_shape), dtype=np.uint8)
+    draw_cities(source.generator, keys, source.parameters, source.moves_to_land, source.landing_cells, source.places, cells)
+    return cells
+
+
+def city_at(scenario: Scenario, key: np.uint64) -> City:
+    """Return the city with this key; the last ones are kept."""
+    return _city_at(_Source(scenario), int(key))
+
+
+class _Source:
+    """A scenario as the key of a cache: equal digests mean equal cities."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+
+    def __hash__(self) -> int:
+        return hash(self.scenario.digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Source) and other.scenario.digest == self.scenario.digest
+
+
+@lru_cache(maxsize=256)
+def _city_at(source: _Source, key: int) -> City:
+    return City(cells_of_cities(source.scenario, np.array([key], dtype=np.uint64))[0])
+
+
+def _known_cities(scenario: Scenario, place: int) -> NDArray[np.uint8] | None:
+    """Return the maps of the split at ``place``, shape (cities, M, N), if they are read from files; else None."""
+    source = scenario.cities
+    assert source is not None
+    split = SPLITS[min(place, len(SPLITS) - 1)]
+    if source.maps is not None:
+        return _maps_of_files(getattr(source.maps, split))
+    if source.file is None or source.sha256 is None or place not in (1, 2):
+        return None
+    assert source.validation is not None
+    assert source.test is not None
+    numbers = (source.validation, source.test)
+    return _frozen_cities(scenario.path, scenario.path.parent / source.file, source.sha256, numbers, source.map_shape)[split]
+
+
+@lru_cache(maxsize=32)
+def _maps_of_files(maps: tuple[tuple[str, ...], ...]) -> NDArray[np.uint8]:
+    return np.stack([cells_of(rows) for rows in maps])
+
+
+@lru_cache(maxsize=32)
+def _frozen_cities(scenario: Path, path: Path, sha256: str, numbers: tuple[int, int], shape: tuple[int, int]) -> Columns:
+    """Read a file of frozen cities, and refuse one that does not belong to this scenario."""
+    where = f"{scenario}: cities.file"
+    try:
+        content = read_bounded(path, ARRAYS_BYTES)
+        found = hashlib.sha256(content).hexdigest()
+        if found != sha256:
+            raise ScenarioError(f"{scenario}: cities.sha256: {path} has {found}: it is not the frozen file")
+        cities = unpack_arrays(content)
+    except FileError as error:
+        raise ScenarioError(f"{where}: {error}") from None
+    except ScenarioError:
+        raise
+    except ValueError as error:
+        raise ScenarioError(f"{where}: {path}: {error}") from None
+    expected: dict[str, int] = dict(zip(FROZEN, numbers, strict=True))
+    fits = cities.keys() == expected.keys() and all(
+        cities[name].dtype == np.uint8 and cities[name].shape == (number, *shape) and cities[name].max() < len(CHARACTERS)
+        for name, number in expected.items()
+    )
+    if not fits:
+        raise ScenarioError(f"{where}: {path} does not hold the cities that the scenario describes")
+    for array in cities.values():
+        array.flags.writeable = False
+    return cities
+
+
+@kernel
+def _write_city_keys(keys: NDArray[np.uint64], numbers: NDArray[np.uint64], found: NDArray[np.uint64]) -> None:
+    """Write the keys of the cities of episodes; ``numbers`` holds how many cities each split has, 0 for no limit."""
+    mask, split_bits, two = np.uint64(2**62 - 1), np.uint64(62), np.uint64(2)
+    for n in range(len(keys)):
+        split = keys[n] >> split_bits
+        count = numbers[split]
+        number = keys[n] & mask
+        if split == 0 or split == 3:
+            number = stream(keys[n], CITY) >> two
+        if count > 0:
+            number %= count
+        found[n] = (split << split_bits) | number
