@@ -137,6 +137,12 @@ def test_a_city_of_ones_own_is_flown_replayed_and_observed():
     assert env.reset(seed=0)[0]["local"].shape == (4, 17, 17)
 
 
+def test_a_scenario_whose_digest_was_read_may_be_the_model_of_another():
+    like = uavbench.load_scenario("Block8-CPP-v0")
+    assert like.digest
+    assert uavbench.Scenario.from_array(["LL..", "....", "..b.", "...."], like=like).digest != like.digest
+
+
 def test_other_rewards_and_budgets_are_another_scenario():
     plain = uavbench.load_scenario("Manhattan32-DH-v0")
     other = plain.with_rewards(crash=-10.0, collect=2.0)

@@ -119,6 +119,8 @@ LONG_SIGNATURES = {
     "envs/env.py:__init__": "keyword arguments, which Gymnasium takes flat",
     "envs/vector_env.py:__init__": "keyword arguments, which Gymnasium takes flat",
     "envs/parallel_env.py:__init__": "keyword arguments, which PettingZoo takes flat",
+    "bounds/harvesting.py:harvesting_bound": "a whole problem",
+    "planning/coverage.py:search": "a whole problem",
     "planning/harvesting.py:search": "a whole problem; those of a kind are one argument when the planner is next changed",
 }
 

@@ -49,7 +49,7 @@ def bound_of(world, start, budget, devices, **options):
 
 def problem_of(world, start, budget, devices):
     table = np.array(devices, dtype=float)
-    return _Problem(world, start, budget, table[:, :2].astype(np.int32), table[:, 2])
+    return _Problem(world, city_of(world), start, budget, table[:, :2].astype(np.int32), table[:, 2])
 
 
 def flown(world, start, budget, devices, actions, count=1500):

@@ -185,7 +185,7 @@ MAP = ("L" + "." * 1023, *("." * 1024 for _ in range(1023)))
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"observation": {"local_size": 2047, "global_scale": 3}}, "observation.local_size: .* needs .* MB"),
+        ({"observation": {"local_size": 2049, "global_scale": 3}}, "observation.local_size: 2049 exceeds 2047"),
         ({"mission": {"kind": "coverage", "camera_size": 5, "shapes": (30000, 30000), "target_fraction": (0, 1)}}, "100"),
     ],
 )

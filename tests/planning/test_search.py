@@ -27,7 +27,7 @@ def check_flights(plan, starts, budgets, world):
         assert len(flight) <= budget
         for (r0, c0), (r1, c1) in pairwise(flight):
             assert (r1 - r0, c1 - c0) in STEPS
-            assert cells[r1, c1] in ".L"
+            assert cells[r1, c1] in ".Lb"
 
 
 def fly(world, plan, starts, budgets, **options):

@@ -63,18 +63,35 @@ def list_scenarios() -> None:
     Console().print(scenario_table(load_scenario(name) for name in list_scenarios()))
 
 
-@app.command(epilog="\b\nExample:\n  uavbench show Manhattan32-CPP-v0")
-def show(scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")]) -> None:
-    """Show a scenario's parameters and map."""
+@app.command(
+    epilog="\b\nExamples:\n  uavbench show Manhattan32-CPP-v0\n  uavbench show Cities32-CPP-v0 --city 7 --save city.png"
+)
+def show(
+    scenario: Annotated[str, typer.Argument(help="An id, or the path of a .toml file.")],
+    city: Annotated[int, typer.Option(min=0, help="Which city to show, if the scenario has many.")] = 0,
+    split: Annotated[str, typer.Option(help="The split of the city: test, validation or train.")] = "test",
+    save: Annotated[
+        Path | None,
+        typer.Option(help="Save the map as a PNG with one pixel for each cell, which a scenario may name as its map."),
+    ] = None,
+) -> None:
+    """Show a scenario's parameters and map; if it has many cities, one of them."""
     from rich.console import Console
 
     from uavbench import UavbenchError, load_scenario
     from uavbench.cli.display import scenario_text
+    from uavbench.world.shown_map import save_city_picture, shown_city
 
     try:
-        Console(highlight=False, soft_wrap=True).print(scenario_text(load_scenario(scenario)))
-    except UavbenchError as error:
+        found = load_scenario(scenario)
+        shown = shown_city(found, split, city)
+        if save is not None:
+            save_city_picture(shown, save)
+        Console(highlight=False, soft_wrap=True).print(scenario_text(found, shown))
+    except (UavbenchError, ValueError) as error:
         raise fail(error) from None
+    if save is not None:
+        typer.echo(f"wrote {save}")
 
 
 @app.command(epilog="\b\nExample:\n  uavbench new my_agent.py")

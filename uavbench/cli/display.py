@@ -5,6 +5,7 @@ from itertools import groupby
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import NDArray
 from rich import box
 from rich.console import Group
 from rich.markup import escape
@@ -13,6 +14,7 @@ from rich.text import Text
 
 from uavbench.errors import one_line
 from uavbench.evaluation.metrics import NAMES
+from uavbench.world.cells import CELL_NAMES, CHARACTERS
 from uavbench.world.scenario import Scenario
 
 if TYPE_CHECKING:  # these import the compiler, and listing scenarios must not wait for that
@@ -29,12 +31,13 @@ _STYLES = {"L": "bold blue", "N": "red", "#": "bright_black", "b": "bright_black
 def scenario_table(scenarios: Iterable[Scenario]) -> Table:
     """Return the table of `uavbench list`."""
     table = Table(box=None, header_style="bold")
-    for column in ("id", "map", "mission", "UAVs", "budget", "targets"):
+    for column in ("id", "map", "cities", "mission", "UAVs", "budget", "targets"):
         table.add_column(column, no_wrap=True)
     for scenario in scenarios:
         shape, budget = "{}×{}".format(*scenario.shape), "{}–{}".format(*scenario.budget)
         uavs = "{}–{}".format(*scenario.uavs) if scenario.uavs else "1"
-        table.add_row(scenario.id, shape, scenario.mission.kind, uavs, budget, scenario.mission.targets)
+        cities = str(scenario.cities.number_of_test_cities) if scenario.cities else "1"
+        table.add_row(scenario.id, shape, cities, scenario.mission.kind, uavs, budget, scenario.mission.targets)
     return table
 
 
@@ -56,22 +59,24 @@ def speed_tables(speeds: "Iterable[Speed]") -> Iterator[Table]:
         yield table
 
 
-def scenario_text(scenario: Scenario) -> Text:
-    """Return what `uavbench show` prints: the parameters and the map."""
+def scenario_text(scenario: Scenario, cells: NDArray[np.uint8]) -> Text:
+    """Return what `uavbench show` prints: the parameters and a map, given as codes of cells."""
     text = Text()
     text.append(f"{scenario.id}", style="bold")
     text.append(f"  {one_line(scenario.title)}\n")  # a title may come from anybody, with control characters for the terminal
     text.append(f"digest {scenario.digest}\nfile {one_line(scenario.path)}\n\n")
-    parts = scenario.model_dump(mode="json", exclude={"id", "title", "path", "rows"})
+    parts = scenario.model_dump(
+        mode="json", exclude={"id": True, "title": True, "path": True, "rows": True, "cities": {"maps"}}
+    )
     for name, value in _flat(parts):
         text.append(f"{name:32}", style="cyan")
         text.append(f"{one_line(value)}\n")
     text.append("\n")
-    for row in scenario.rows:
-        for cell in row:
-            text.append(cell, style=_STYLES.get(cell, ""))
+    for row in cells:
+        for code in row:
+            text.append(CHARACTERS[code], style=_STYLES.get(CHARACTERS[code], ""))
         text.append("\n")
-    text.append("\nL landing zone  N no-fly zone  # building  b low building  . free\n", style="dim")
+    text.append(f"\n{'  '.join(f'{sign} {name}' for sign, name in zip(CHARACTERS, CELL_NAMES, strict=True))}\n", style="dim")
     return text
 
 

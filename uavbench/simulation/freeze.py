@@ -7,6 +7,7 @@ import numpy as np
 
 from uavbench.simulation.memory import episodes_at_once
 from uavbench.simulation.simulator import Simulator
+from uavbench.world.cities import city_count, draw_city_cells
 from uavbench.world.episode import Columns, episode_keys, split_size
 from uavbench.world.files import ARRAYS_BYTES, pack_arrays, write_together
 from uavbench.world.resources import scenario_paths
@@ -34,8 +35,19 @@ def draw(scenario: Scenario, split: SplitName) -> Columns:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
+def draw_frozen_cities(scenario: Scenario) -> Columns | None:
+    """Draw the validation and test cities from their keys, by split, shape (cities, M, N); None if no generator draws them."""
+    source = scenario.cities
+    if source is None or source.generator is None:
+        return None
+    keys = {split: episode_keys(split, np.arange(city_count(source, split))) for split in FROZEN_SPLITS}
+    return {split: draw_city_cells(source, each) for split, each in keys.items()}
+
+
 def freeze(scenario: Scenario, *, replace: bool = False) -> str:
-    """Write the files ``episodes/<id>-<split>.npz`` beside the scenario's file.
+    """Write the files ``episodes/<id>-<split>.npz`` beside the scenario's file, and ``cities/<id>.npz`` if it has a generator.
+
+    If the scenario names a file of frozen cities already, for example that of another scenario in the same cities, it is kept.
 
     Parameters
     ----------
@@ -64,6 +76,11 @@ def freeze(scenario: Scenario, *, replace: bool = False) -> str:
             )
     lines: list[str] = []
     contents: dict[Path, bytes] = {}
+    cities = draw_frozen_cities(scenario)
+    if cities is not None and scenario.cities and scenario.cities.frozen is None:
+        content, name = pack_arrays(cities, compress=True), f"cities/{scenario.id}.npz"
+        contents[scenario.path.parent / name] = content
+        lines += ["[cities.frozen]", f'file = "{name}"', f'sha256 = "{hashlib.sha256(content).hexdigest()}"', ""]
     for split in FROZEN_SPLITS:
         content = pack_arrays(draw(scenario, split))  # uncompressed: compressed bytes differ between machines
         name = f"episodes/{scenario.id}-{split}.npz"

@@ -138,12 +138,14 @@ def _known_cities(scenario: Scenario, place: int) -> NDArray[np.uint8] | None:
     split = SPLITS[min(place, len(SPLITS) - 1)]
     if source.maps is not None:
         return _maps_of_files(getattr(source.maps, split))
-    if source.file is None or source.sha256 is None or place not in (1, 2):
+    frozen = source.frozen
+    if frozen is None or split not in FROZEN or place >= len(SPLITS):
         return None
     assert source.validation is not None
     assert source.test is not None
     numbers = (source.validation, source.test)
-    return _frozen_cities(scenario.path, scenario.path.parent / source.file, source.sha256, numbers, source.map_shape)[split]
+    path = scenario.path.parent / frozen.file
+    return _frozen_cities(scenario.path, path, frozen.sha256, numbers, source.map_shape)[split]
 
 
 @lru_cache(maxsize=32)
@@ -154,12 +156,12 @@ def _maps_of_files(maps: tuple[tuple[str, ...], ...]) -> NDArray[np.uint8]:
 @lru_cache(maxsize=32)
 def _frozen_cities(scenario: Path, path: Path, sha256: str, numbers: tuple[int, int], shape: tuple[int, int]) -> Columns:
     """Read a file of frozen cities, and refuse one that does not belong to this scenario."""
-    where = f"{scenario}: cities.file"
+    where = f"{scenario}: cities.frozen.file"
     try:
         content = read_bounded(path, ARRAYS_BYTES)
         found = hashlib.sha256(content).hexdigest()
         if found != sha256:
-            raise ScenarioError(f"{scenario}: cities.sha256: {path} has {found}: it is not the frozen file")
+            raise ScenarioError(f"{scenario}: cities.frozen.sha256: {path} has {found}: it is not the frozen file")
         cities = unpack_arrays(content)
     except FileError as error:
         raise ScenarioError(f"{where}: {error}") from None

@@ -17,6 +17,13 @@ _Side = Annotated[int, Field(ge=SMALLEST_SIDE, le=LARGEST_SIDE, strict=True)]
 _Maps = Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)]
 
 
+class FrozenCities(Record):
+    """A file of cities: its name, relative to the scenario's file, and its SHA-256."""
+
+    file: str
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
 class MapFiles(Record):
     """The map files of each split, relative to the scenario's file."""
 
@@ -72,9 +79,9 @@ class Cities(Record):
         How many landing cells a generated city has at least, and how many cells for devices.
     parameters : CityParameters
         The parameters of the generator.
-    file, sha256 : str, optional
-        A file of the generated validation and test cities, relative to the scenario's file, and its SHA-256: then a change
-        of the generator cannot change them. `uavbench freeze` writes it.
+    frozen : FrozenCities, optional
+        A file of the generated validation and test cities, so that a change of the generator cannot change them:
+        `uavbench freeze` writes it.
     files : MapFiles, optional
         Files of maps for each split, instead of a generator.
     maps : SplitMaps, optional
@@ -90,8 +97,7 @@ class Cities(Record):
     landing_cells: Count = 4
     places: Count = 10
     parameters: CityParameters = CityParameters()
-    file: str | None = None
-    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    frozen: FrozenCities | None = None
     files: MapFiles | None = None
     maps: SplitMaps | None = None
 
@@ -106,11 +112,9 @@ class Cities(Record):
     def _one_source(self) -> "Cities":
         if (self.generator is None) == (self.maps is None):
             raise ValueError("cities come from a generator or from files: give one of them")
-        if (self.file is None) != (self.sha256 is None):
-            raise ValueError("file and sha256 go together: give both, or neither")
         needed = {"shape": self.shape, "validation": self.validation, "test": self.test}
         if self.maps is not None:
-            own: dict[str, Any] = {**needed, "train": self.train, "reach": self.reach, "file": self.file}
+            own: dict[str, Any] = {**needed, "train": self.train, "reach": self.reach, "frozen": self.frozen}
             given = [name for name, value in own.items() if value is not None]
             if given:
                 raise ValueError(f"{given[0]} belongs to a generator; the files give the maps and how many there are")
@@ -128,6 +132,11 @@ class Cities(Record):
             return len(self.maps.train[0]), len(self.maps.train[0][0])
         assert self.shape is not None
         return self.shape
+
+    @property
+    def number_of_test_cities(self) -> int:
+        """How many cities the test split has."""
+        return len(self.maps.test) if self.maps is not None else self.test or 0
 
     @property
     def moves_to_land(self) -> int:

@@ -84,6 +84,8 @@ def rows_of_array(cells: ArrayLike) -> tuple[str, ...]:
             r, c = wrong[0].tolist()
             raise ValueError(f"row {r}, column {c}: {array[r, c]} is no code of a cell; the codes are {_MEANING}")
         return rows_of(array.astype(np.uint8))
+    if not array.size:
+        raise ValueError("the array is empty")
     return tuple("".join(str(cell) for cell in row) for row in array.tolist())
 
 

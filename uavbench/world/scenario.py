@@ -131,7 +131,8 @@ class Scenario(Record):
     @field_validator("rows")
     @classmethod
     def _map(cls, rows: tuple[str, ...]) -> tuple[str, ...]:
-        check_map(rows)
+        if rows:  # a scenario with many cities has none
+            check_map(rows)
         return rows
 
     @model_validator(mode="after")
@@ -174,17 +175,18 @@ class Scenario(Record):
     def digest(self) -> str:
         """SHA-256 of everything that defines the scenario; the title and the names of files are not part of it."""
         parts = self.model_dump(mode="json", exclude={"title", "map", "path", "provenance"}, exclude_defaults=True)
-        for part in (parts["mission"], parts.get("cities", {}), *parts.get("splits", {}).values()):
+        cities = parts.get("cities", {})
+        cities.pop("files", None)  # the content of the maps remains in the digest
+        for part in (parts["mission"], cities.get("frozen", {}), *parts.get("splits", {}).values()):
             part.pop("file", None)  # the SHA-256 of the file remains in the digest
-            part.pop("files", None)  # and the content of maps
         return hashlib.sha256(json.dumps(parts, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
-    @cached_property
+    @property
     def map_digest(self) -> str:
         """SHA-256 of the map; if there are many, of what decides which cities there are."""
         if self.cities is None:
             return hashlib.sha256("\n".join(self.rows).encode()).hexdigest()
-        parts = self.cities.model_dump_json(exclude={"file", "files"})
+        parts = self.cities.model_dump_json(exclude={"frozen", "files"})
         return hashlib.sha256(parts.encode()).hexdigest()
 
     def with_observation(self, local_size: int | None = None, global_scale: int | None = None) -> "Scenario":
@@ -285,8 +287,9 @@ class Scenario(Record):
         sizes = {name: min(size, max(1, largest)) for name, size in origin.observation.model_dump().items()}
         own = {"id": "Custom-v0", "title": "", "map": "", "observation": sizes, "splits": Splits(), "path": Path()}
         own |= {"cities": None, "provenance": None}
+        same = {name: getattr(origin, name) for name in cls.model_fields}
         try:
-            return cls.model_validate({**dict(origin), **own, **changes, "rows": rows})
+            return cls.model_validate({**same, **own, **changes, "rows": rows})
         except ValidationError as error:
             raise ScenarioError(f"from_array: {_first(error).replace('rows', 'map', 1)}") from None
 
