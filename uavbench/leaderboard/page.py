@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from uavbench.evaluation.metrics import ROUNDING, Interval
 from uavbench.leaderboard.published import PAPER_SCENARIOS
 from uavbench.leaderboard.ranking import Entry, Row
-from uavbench.world.episode import frozen_columns
+from uavbench.world.cities import cells_of_cities, city_keys
+from uavbench.world.episode import episode_keys, frozen_columns
 from uavbench.world.keyed import QUANTILE
 from uavbench.world.scenario import Scenario
 
@@ -90,13 +91,20 @@ def _scenario(scenario: Scenario, elsewhere: int, columns: list[dict[str, Any]])
     mission = scenario.mission
     return {
         "id": scenario.id,
-        "rows": scenario.rows,
+        **({"rows": scenario.rows} if scenario.cities is None else {"cities": _packed(_test_cities(scenario, count))}),
         "uavs": scenario.max_uavs,
         "mission": mission.model_dump(mode="json"),
         "channel": mission.viewer(scenario.shape),
         "recorded": scenario.splits.test.episodes,
         "episodes": where,
     }
+
+
+def _test_cities(scenario: Scenario, episodes: int) -> NDArray[np.uint8]:
+    """Return the cities of the first test episodes, as codes of cells: episode n is in city n modulo their number."""
+    assert scenario.cities is not None
+    number = min(scenario.cities.number_of_test_cities, episodes)
+    return cells_of_cities(scenario, city_keys(scenario, episode_keys("test", np.arange(number))))
 
 
 def _flights(entry: Entry, elsewhere: int) -> dict[str, Any]:

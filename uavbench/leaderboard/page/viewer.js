@@ -18,10 +18,14 @@ const Viewer = (() => {
     if (!scenarios.has(id)) {
       const told = DATA.scenarios[id];
       const columns = Object.fromEntries(Object.entries(told.episodes).map(([name, k]) => [name, DATA.columns[k]]));
-      scenarios.set(id, { ...told, quantile: DATA.quantile, city: new World.City(told.rows), episodes: await World.unpackAll(columns) });
+      const cities = await World.citiesOf(told), episodes = await World.unpackAll(columns);
+      scenarios.set(id, { ...told, quantile: DATA.quantile, city: cities(0), cities, episodes });
     }
     return scenarios.get(id);
   }
+
+  // The scenario with the city of a test episode.
+  const inCity = (where, episode) => ({ ...where, city: where.cities(episode) });
 
   async function flight(name) {
     if (!flights.has(name)) {
@@ -85,11 +89,12 @@ const Viewer = (() => {
     const episode = Math.max(0, Math.min(most, Math.round(Number(find("episode").value)) || 0));
     find("episode").max = most;
     find("episode").value = episode;
+    const there = inCity(where, episode);
     find("many").textContent = (most + 1 < where.recorded ? `of the first ${(most + 1).toLocaleString("en")} of ` : "of ") + where.recorded.toLocaleString("en");
     panes = wanted.map((agent, k) => {
       const { offsets, actions } = data[k], most = where.uavs;
       const taken = actions.subarray(offsets[episode] * most, offsets[episode + 1] * most);
-      return { agent, flight: World.fly(where, where.episodes, episode, taken), scenario: where };
+      return { agent, flight: World.fly(there, where.episodes, episode, taken), scenario: there };
     });
     find("panes").replaceChildren(...panes.map((pane) => {
       pane.box = document.createElement("article");
@@ -110,7 +115,7 @@ const Viewer = (() => {
     const [where, { offsets, actions, episodes }] = await Promise.all([scenario(id), flight(`${agent}/${id}`)]);
     return Array.from({ length: episodes }, (_, episode) => {
       const taken = actions.subarray(offsets[episode] * where.uavs, offsets[episode + 1] * where.uavs);
-      const { cr, landed } = World.fly(where, where.episodes, episode, taken);
+      const { cr, landed } = World.fly(inCity(where, episode), where.episodes, episode, taken);
       return [cr, landed];
     });
   }

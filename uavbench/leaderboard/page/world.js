@@ -5,7 +5,7 @@
 const World = (() => {
   const WORD = (1n << 64n) - 1n, GOLDEN = 0x9E3779B97F4A7C15n, NOISE = 3n;
   const MOVES = [[-1, 0], [0, 1], [1, 0], [0, -1], [0, 0], [0, 0]], HOVER = 4, LAND = 5, NONE = 255;
-  const NEVER = 1e9;
+  const NEVER = 1e9, CELLS = ".LN#b"; // cells by their codes
   const TYPES = {
     uint8: Uint8Array, uint16: Uint16Array, int16: Int16Array, float32: Float32Array, float64: Float64Array, uint64: BigUint64Array,
   };
@@ -210,5 +210,22 @@ const World = (() => {
     return { frames, mission, total: mission.total, cr, landed: team.every((uav) => uav.landed), budgets: team.map((uav) => uav.initial) };
   }
 
-  return { City, camera, fly, unpackAll, LAND, HOVER, NONE, NEVER };
+  // The city of each test episode of a scenario: the only one, or one of many, which are stored as codes of cells.
+  async function citiesOf({ rows, cities }) {
+    if (!cities) {
+      const only = new City(rows);
+      return () => only;
+    }
+    const { values, shape: [count, high, wide] } = await unpack(cities), made = new Map();
+    return (episode) => {
+      const city = episode % count;
+      if (!made.has(city)) {
+        const line = (r) => Array.from(values.subarray((city * high + r) * wide, (city * high + r + 1) * wide), (code) => CELLS[code]).join("");
+        made.set(city, new City(Array.from({ length: high }, (_, r) => line(r))));
+      }
+      return made.get(city);
+    };
+  }
+
+  return { City, camera, citiesOf, fly, unpackAll, LAND, HOVER, NONE, NEVER };
 })();
