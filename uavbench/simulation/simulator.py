@@ -71,6 +71,7 @@ class Simulator:
         self._fitting: set[str] = set()  # splits whose frozen episodes have been checked against the scenario
         self._only_city = city_of(scenario) if scenario.cities is None else None
         self._city_keys = np.full(num_envs, _NO_CITY)  # of the cities whose maps the slots hold
+        self._last_cities: dict[int, tuple[np.uint64, City]] = {}  # by slot: the last one that was asked for, and its key
         self._homes: NDArray[np.int32] | None = None  # the distances to landing in each slot's city, once they are needed
         self._homes_keys = self._city_keys.copy()
         rewards = scenario.rewards
@@ -107,7 +108,12 @@ class Simulator:
 
     def city_at(self, i: int) -> City:
         """Return the city of the episode in slot ``i``."""
-        return self._only_city or city_at(self.scenario, self._city_keys[i])
+        if self._only_city is not None:
+            return self._only_city
+        key = self._city_keys[i]
+        if i not in self._last_cities or self._last_cities[i][0] != key:
+            self._last_cities[i] = key, city_at(self.scenario, key)
+        return self._last_cities[i][1]
 
     def reset(self, index: ArrayLike, split: SplitName, numbers: ArrayLike) -> None:
         """Start the episodes ``numbers`` of ``split`` in the slots ``index``.

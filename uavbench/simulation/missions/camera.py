@@ -24,35 +24,46 @@ _Path = tuple[tuple[int, int], ...]  # the cells on a ray after its UAV's, as ro
 
 
 class Trees(NamedTuple):
-    """The trees for a camera that sees ``reach`` cells beyond its UAV, as arrays for kernels.
+    """The trees for a camera that sees so many cells beyond its UAV, as arrays for kernels.
 
     Attributes
     ----------
     first : ndarray of int32, shape (F + 1, F + 1, 2)
         Where the nodes of a tree begin and end, by the distance to the border in rows and in columns, each at most F.
-    nodes : ndarray of int32, shape (K, 3)
-        The nodes of all trees, each before its branches: rows and columns from the UAV to the node's cell, and the index of
-        the first later node that is not behind this one.
+    onward : ndarray of int32, shape (K,)
+        For each node of all trees, the index of the first later node that is not behind this one. A node comes before its
+        branches.
+    offsets : ndarray of int32, shape (4, K)
+        For each quarter of the map, how far the node's cell is from the UAV's in a flattened map.
+    bits : ndarray of uint64, shape (4, K)
+        For each quarter, the bit of the node's cell in a view.
     """
 
     first: NDArray[np.int32]
-    nodes: NDArray[np.int32]
+    onward: NDArray[np.int32]
+    offsets: NDArray[np.int32]
+    bits: NDArray[np.uint64]
 
 
 @lru_cache
-def trees_of(reach: int) -> Trees:
-    """Return the trees for a camera that sees ``reach`` cells beyond its UAV."""
-    far = _FAR[reach]
+def trees_of(reach: int, width: int) -> Trees:
+    """Return the trees for a camera that sees ``reach`` cells beyond its UAV, on a map whose rows are ``width`` cells apart."""
+    far, side = _FAR[reach], 2 * reach + 1
     first: NDArray[np.int32] = np.zeros((far + 1, far + 1, 2), dtype=np.int32)
-    nodes: list[tuple[int, int, int]] = []
+    cells: list[tuple[int, int]] = []
+    onward: list[int] = []
     for down, right in np.ndindex(far + 1, far + 1):
         paths = sorted(_beginnings(down, right, reach))
-        start = len(nodes)
+        start = len(cells)
         for k, path in enumerate(paths):  # sorted: all paths that begin with this one follow it
-            skip = next((m for m in range(k + 1, len(paths)) if paths[m][: len(path)] != path), len(paths))
-            nodes.append((*path[-1], start + skip))
-        first[down, right] = start, len(nodes)
-    found = Trees(first, np.array(nodes, dtype=np.int32).reshape(-1, 3))
+            onward.append(start + next((m for m in range(k + 1, len(paths)) if paths[m][: len(path)] != path), len(paths)))
+            cells.append(path[-1])
+        first[down, right] = start, len(cells)
+    steps = np.array(cells, dtype=np.int64).reshape(-1, 2)
+    quarters = [steps * (1 if q & 1 else -1, 1 if q & 2 else -1) for q in range(4)]
+    offsets = np.array([each @ (width, 1) for each in quarters], dtype=np.int32)
+    places = np.array([(each + reach) @ (side, 1) for each in quarters], dtype=np.uint64)
+    found = Trees(first, np.array(onward, dtype=np.int32), offsets, np.uint64(1) << places)
     for array in found:
         array.flags.writeable = False
     return found
@@ -77,40 +88,52 @@ def _beginnings(down: int, right: int, reach: int) -> set[_Path]:
 
 @kernel
 def view_from(
-    building: NDArray[np.bool_], margin: int, r: int, c: int, reach: int, first: NDArray[np.int32], nodes: NDArray[np.int32]
+    building: NDArray[np.bool_],
+    cell: int,
+    far_row: int,
+    far_col: int,
+    r: int,
+    c: int,
+    reach: int,
+    first: NDArray[np.int32],
+    onward: NDArray[np.int32],
+    offsets: NDArray[np.int32],
+    bits: NDArray[np.uint64],
 ) -> np.uint64:
     """Return what the camera sees from the cell (r, c), as the bits that `camera_views` describes.
 
-    ``building`` is the layer with a margin of so many cells on each side. The margin is never looked at, because rays end at
-    the border.
+    ``building`` holds maps, flattened; the cell has the index ``cell`` in it. ``far_row`` and ``far_col`` are the last row and
+    column of the map. Rays end at the border, so nothing beyond it is looked at.
     """
-    rows, cols = building.shape[0] - 2 * margin, building.shape[1] - 2 * margin
-    side, far = 2 * reach + 1, first.shape[0] - 1
-    view = np.uint64(0)
-    if not building[r + margin, c + margin]:
-        view |= np.uint64(1) << np.uint64(reach * side + reach)
+    far = first.shape[0] - 1
+    middle = np.uint64(2 * reach * (reach + 1))
+    view = np.uint64(0) if building[cell] else np.uint64(1) << middle
     for quarter in range(4):
-        down, right = (1 if quarter & 1 else -1), (1 if quarter & 2 else -1)
-        to_row, to_col = (rows - 1 - r if down > 0 else r), (cols - 1 - c if right > 0 else c)
-        node, last = first[min(to_row, far), min(to_col, far)]
+        down, right = (far_row - r if quarter & 1 else r), (far_col - c if quarter & 2 else c)
+        node, last = first[min(down, far), min(right, far)]
+        there, marks = offsets[quarter], bits[quarter]
         while node < last:
-            y, x = down * nodes[node, 0], right * nodes[node, 1]
-            if building[r + y + margin, c + x + margin]:
-                node = nodes[node, 2]
+            if building[cell + there[node]]:
+                node = onward[node]
             else:
-                view |= np.uint64(1) << np.uint64((y + reach) * side + x + reach)
+                view |= marks[node]
                 node += 1
     return view
 
 
 @kernel
 def views_from_all(
-    building: NDArray[np.bool_], margin: int, reach: int, first: NDArray[np.int32], nodes: NDArray[np.int32]
+    building: NDArray[np.bool_],
+    reach: int,
+    first: NDArray[np.int32],
+    onward: NDArray[np.int32],
+    offsets: NDArray[np.int32],
+    bits: NDArray[np.uint64],
 ) -> NDArray[np.uint64]:
-    """Return what the camera sees from every cell, shape (M, N): see `view_from`."""
-    rows, cols = building.shape[0] - 2 * margin, building.shape[1] - 2 * margin
-    views = np.empty((rows, cols), dtype=np.uint64)
+    """Return what the camera sees from every cell of a map, shape (M, N): see `view_from`."""
+    rows, cols = building.shape
+    views, flat = np.empty((rows, cols), dtype=np.uint64), building.reshape(-1)
     for r in range(rows):
         for c in range(cols):
-            views[r, c] = view_from(building, margin, r, c, reach, first, nodes)
+            views[r, c] = view_from(flat, r * cols + c, rows - 1, cols - 1, r, c, reach, first, onward, offsets, bits)
     return views

@@ -47,7 +47,7 @@ class CoverageMission(Mission):
         self._margin = margin_of(scenario)
         self._collect_reward = scenario.rewards.collect
         self._reach = parameters.camera_size // 2
-        self._trees = trees_of(self._reach)
+        self._trees = trees_of(self._reach, scenario.shape[1] + 2 * self._margin)
         self.views = camera_views(scenario) if scenario.cities is None else np.empty((0, 0), dtype=np.uint64)
 
     def sample(self, state: State, index: NDArray[np.int64]) -> None:
@@ -155,7 +155,7 @@ def camera_gain(scenario: Scenario, target: NDArray[np.float32], city: City | No
 
 @lru_cache(maxsize=32)
 def _views(city: City, reach: int) -> NDArray[np.uint64]:
-    views = views_from_all(city.building, 0, reach, *trees_of(reach))
+    views = views_from_all(city.building, reach, *trees_of(reach, city.shape[1]))
     views.flags.writeable = False
     return views
 
@@ -237,17 +237,25 @@ def _collect(
     margin: int,
     views: NDArray[np.uint64],
     first_nodes: NDArray[np.int32],
-    nodes: NDArray[np.int32],
+    onward: NDArray[np.int32],
+    offsets: NDArray[np.int32],
+    bits: NDArray[np.uint64],
     reach: int,
     value: float,
 ) -> None:
     """Cover what UAV ``uav`` sees in those of the slots [``first``, ``last``) where it is active."""
     side = 2 * reach + 1
+    (far_row, far_col), (tall, wide) = (target.shape[1] - 1, target.shape[2] - 1), layers.shape[2:]
+    maps = layers.reshape(-1)
     for i in range(first, last):
         if done[i, uav]:
             continue
         r, c = position[i, uav, 0], position[i, uav, 1]
-        view = views[r, c] if len(views) else view_from(layers[city[i], 2], margin, r, c, reach, first_nodes, nodes)
+        if len(views):
+            view = views[r, c]
+        else:
+            cell = ((city[i] * 3 + 2) * tall + r + margin) * wide + c + margin
+            view = view_from(maps, cell, far_row, far_col, r, c, reach, first_nodes, onward, offsets, bits)
         gain = 0
         for y in range(side):
             for x in range(side):
