@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from uavbench import list_scenarios, load_scenario
 from uavbench.drawing.scene import city_colours
 from uavbench.pictures.plot import city_legend
-from uavbench.world.city import city_of
+from uavbench.world.cells import CELL_NAMES, LOW_BUILDING
+from uavbench.world.shown_map import shown_city
 
 DOCS = Path(__file__).parent
 FOLDER = DOCS / "scenario"
@@ -27,15 +28,21 @@ def write_pages(_app=None):
         scenario = load_scenario(name)
         draw_map(scenario, FOLDER / f"{name}.png")
         write(FOLDER / f"{name}.md", page(scenario))
-    lines = ["# All scenarios", "", "| id | map | mission | UAVs | budget | targets |", "| --- | --- | --- | --- | --- | --- |"]
+    heads = ("id", "map", "test cities", "mission", "UAVs", "budget", "targets")
+    lines = ["# All scenarios", "", f"| {' | '.join(heads)} |", f"|{' --- |' * len(heads)}"]
     for name in names:
         s = load_scenario(name)
         uavs = "{}–{}".format(*s.uavs) if s.uavs else "1"
         lines.append(
-            f"| [{name}]({name}.md) | {s.shape[0]}×{s.shape[1]} | {s.mission.kind} | {uavs} | "
+            f"| [{name}]({name}.md) | {s.shape[0]}×{s.shape[1]} | {test_cities(s)} | {s.mission.kind} | {uavs} | "
             f"{s.budget[0]}–{s.budget[1]} | {s.mission.targets} |"
         )
     write(FOLDER / "index.md", "\n".join([*lines, "", "```{toctree}", ":hidden:", "", *names, "```", ""]))
+
+
+def test_cities(scenario):
+    """Return how many cities the test split of a scenario has."""
+    return scenario.cities.number_of_test_cities if scenario.cities else 1
 
 
 def write(path, text):
@@ -47,7 +54,6 @@ def write(path, text):
 def page(scenario):
     """Return the page of a scenario."""
     mission, rewards, sizes = scenario.mission, scenario.rewards, scenario.observation
-    landing, no_fly, building = (int(getattr(city_of(scenario), layer).sum()) for layer in ("landing", "no_fly", "building"))
     parameters = {
         "movement budget": "{}–{}".format(*scenario.budget),
         "UAVs": "{}–{}".format(*scenario.uavs) if scenario.uavs else "1",
@@ -57,7 +63,7 @@ def page(scenario):
         ),
         "observation": f"l = {sizes.local_size}, g = {sizes.global_scale}",
         **{f"`{name}`": f"`{value}`" for name, value in mission.model_dump(mode="json", exclude_none=True).items()},
-        "cells": f"{np.prod(scenario.shape):,}: {landing} landing, {no_fly - building} no-fly only, {building} building",
+        **source(scenario),
         "validation and test episodes": f"{scenario.splits.validation.episodes}, {scenario.splits.test.episodes}",
         "digest": f"`{scenario.digest[:16]}…`",
     }
@@ -67,7 +73,7 @@ def page(scenario):
             "",
             f"{scenario.title}. [The rules](../rules.md) are those of all scenarios.",
             "",
-            f"```{{image}} {scenario.id}.png\n:alt: The map of {scenario.id}\n:width: 420px\n```",
+            f"```{{image}} {scenario.id}.png\n:alt: {'Cities' if scenario.cities else 'The map'} of {scenario.id}\n:width: 420px\n```",
             "",
             "| parameter | value |",
             "| --- | --- |",
@@ -89,10 +95,21 @@ def page(scenario):
     )
 
 
+def source(scenario):
+    """Return what a page says about the map, or about the cities."""
+    if scenario.cities is None:
+        counts = np.bincount(shown_city(scenario, "test", 0).ravel(), minlength=len(CELL_NAMES)).tolist()
+        listed = ", ".join(f"{count:,} {name}" for name, count in zip(CELL_NAMES, counts, strict=True) if count)
+        return {"cells": f"{np.prod(scenario.shape):,}: {listed}"}
+    cities = scenario.cities.model_dump(mode="json", exclude_none=True, exclude={"frozen", "files", "maps"})
+    return {f"`cities.{name}`": f"`{value}`" for name, value in cities.items()}
+
+
 def history(scenario):
     """Return a line for each version of an id up to this one."""
     name, _, version = scenario.id.rpartition("-v")
-    own = "" if scenario.team is False and "Block8" not in name else "; the map or the team is this suite's own"
+    papers = scenario.team is False and name.startswith(("Manhattan32", "Urban50"))
+    own = "" if papers else "; the map, the cities or the team are this suite's own"
     lines = [f"- **v0**: {FIRST}{own}."]
     for k in range(1, int(version) + 1):
         if f"{name}-v{k}" not in HISTORY:
@@ -123,12 +140,19 @@ def results(name):
 
 
 def draw_map(scenario, path):
-    """Draw a map with its legend."""
+    """Draw a map with its legend; of many cities, the first nine test cities."""
+    count = min(9, test_cities(scenario))
+    side = round(count**0.5)
     figure = Figure(figsize=(4.2, 4.7), layout="constrained")
-    axes = figure.subplots()
-    axes.imshow(city_colours(city_of(scenario).cells), interpolation="nearest")
-    axes.tick_params(labelsize=6)
-    figure.legend(handles=city_legend(), loc="outside lower center", ncols=3, fontsize=7, frameon=False)
+    low = False
+    for number, axes in enumerate(np.ravel(figure.subplots(side, side))):
+        cells = shown_city(scenario, "test", number)
+        low |= bool((cells == LOW_BUILDING).any())
+        axes.imshow(city_colours(cells), interpolation="nearest")
+        axes.tick_params(labelsize=6)
+        if count > 1:
+            axes.set_axis_off()
+    figure.legend(handles=city_legend(low), loc="outside lower center", ncols=3, fontsize=7, frameon=False)
     figure.savefig(path, dpi=150, metadata={"Software": None})
 
 
