@@ -2,17 +2,30 @@
 
 Landed is a proportion and gets Wilson's interval, which does not shrink to a point when every episode landed; CR and CRAL get
 the percentile bootstrap. Resampling is keyed, so that the same scores give the same interval everywhere.
+
+Episodes of one city are alike, because some cities are harder than others. Where a scenario has many cities, 1,000 episodes in
+200 of them tell less about other cities than 1,000 episodes in 1,000 cities would. So whatever gives an interval or a p-value
+takes ``clusters``, the city of each episode. Without them, episodes count as independent, which is right where all episodes fly
+in the same city. With one city only, and with another city in every episode, the results are those without ``clusters``. A few
+dozen cities are needed: with less than about twenty, all intervals over cities are too narrow.
+
+- **Means** have the two-stage bootstrap, which draws cities, then episodes in the cities drawn (Davison and Hinkley 1997,
+  section 3.8). It is on the safe side: the spread of the episodes within a city counts in both stages. Where cities do not
+  differ at all, an interval with m episodes in each city is too wide by a factor of up to √(2 − 1/m).
+- **Shares** have Wilson's interval for the effective number of episodes. That is their number, divided by the design effect
+  (Kish 1965): how many times larger the variance of the share is than if the episodes were independent.
+- **Paired tests** have the variance that `variance_of_mean` gives.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.evaluation.resampling import RESAMPLES, clusters_of, drawn, resampled_means
 from uavbench.world.scenario import Scenario
 
 #: The metrics of an episode (the paper's Table III).
@@ -20,10 +33,11 @@ METRICS = ("landed", "cr", "cral")
 #: Their names in tables and figures.
 NAMES = {"landed": "Landed", "cr": "CR", "cral": "CRAL"}
 CONFIDENCE = 0.95
-_RESAMPLES = 10_000
 #: Scores that differ by at most this count as equal: two platforms' logarithms differ in their last digits.
 ROUNDING = 1e-6
-_CHUNK = 500_000  # values resampled at once
+#: What is less than this is no standard error, but the rounding of sums: a single score that differs by more than `ROUNDING`
+#: has a larger one, in as many as 10⁸ episodes.
+_NOISE = 1e-14
 
 
 def tolerance(scenario: Scenario) -> float:
@@ -40,7 +54,9 @@ class Interval:
     high: float
 
 
-def proportion_interval(successes: NDArray[np.bool_ | np.float64], confidence: float = CONFIDENCE) -> Interval:
+def proportion_interval(
+    successes: NDArray[np.bool_ | np.float64], confidence: float = CONFIDENCE, *, clusters: NDArray[np.int64] | None = None
+) -> Interval:
     """Return the share of successes with Wilson's score interval (Wilson 1927).
 
     Parameters
@@ -48,17 +64,65 @@ def proportion_interval(successes: NDArray[np.bool_ | np.float64], confidence: f
     successes : ndarray
         Shape (n,): whether each trial succeeded. For groups of trials that depend on each other, give the share of each group
         that succeeded: a group then counts as one trial, so that the dependence does not make the interval too narrow.
+    confidence : float, optional
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each trial. The interval is then that of fewer trials: n, divided by the design effect.
     """
-    n, share = len(successes), float(np.mean(successes))
+    n, share = _effective_number(successes, clusters), float(np.mean(successes))
     z = NormalDist().inv_cdf(0.5 + confidence / 2)
     centre = (share + z * z / (2 * n)) / (1 + z * z / n)
     half = z / (1 + z * z / n) * math.sqrt(share * (1 - share) / n + z * z / (4 * n * n))
     return Interval(share, min(share, max(0.0, centre - half)), max(share, min(1.0, centre + half)))
 
 
-def mean_interval(values: NDArray[np.float64], confidence: float = CONFIDENCE) -> Interval:
-    """Return the mean with its percentile-bootstrap interval (Efron 1979; 10,000 resamples)."""
-    return _percentiles(float(np.mean(values)), _resampled_means(values), confidence)
+def _effective_number(successes: NDArray[np.bool_ | np.float64], clusters: NDArray[np.int64] | None) -> float:
+    """Return how many independent trials tell as much about the share as these do: at most as many as there are.
+
+    Where all trials succeeded, or all failed, they do not show how alike the trials of a city are, and count as independent.
+    """
+    n = len(successes)
+    if clusters_of(n, clusters) is None:
+        return n
+    values = successes.astype(np.float64)
+    independent = variance_of_mean(values)
+    return n if independent < _NOISE**2 else n / max(1.0, variance_of_mean(values, clusters) / independent)
+
+
+def variance_of_mean(values: NDArray[np.float64], clusters: NDArray[np.int64] | None = None) -> float:
+    """Return the variance of a mean, the square of its standard error.
+
+    With clusters, it is that of the ratio of two sums over cities, the scores and the numbers of episodes (the linearised
+    variance of a ratio estimator; Kish 1965, section 6.3): C / (C − 1) · Σ tᵢ² / n², with C cities, and tᵢ the sum over the
+    episodes of city i of their deviations from the mean of all n.
+
+    Parameters
+    ----------
+    values : ndarray
+        Shape (n,), float64, n > 1.
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each value.
+    """
+    n, cities = len(values), clusters_of(len(values), clusters)
+    if cities is None:
+        return float(values.var(ddof=1)) / n
+    totals = np.bincount(cities.number, weights=values - values.mean())
+    return len(totals) / (len(totals) - 1) * float((totals * totals).sum()) / n**2
+
+
+def mean_interval(
+    values: NDArray[np.float64], confidence: float = CONFIDENCE, *, clusters: NDArray[np.int64] | None = None
+) -> Interval:
+    """Return the mean with its percentile-bootstrap interval (Efron 1979; 10,000 resamples).
+
+    Parameters
+    ----------
+    values : ndarray
+        Shape (n,), float64.
+    confidence : float, optional
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each value. Each resample then draws cities, and episodes in them.
+    """
+    return _percentiles(float(np.mean(values)), resampled_means(values, clusters), confidence)
 
 
 def _percentiles(mean: float, resampled: NDArray[np.float64], confidence: float = CONFIDENCE) -> Interval:
@@ -68,27 +132,6 @@ def _percentiles(mean: float, resampled: NDArray[np.float64], confidence: float 
     return Interval(mean, float(low), float(high))
 
 
-def _resampled_means(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the means of 10,000 samples of ``values`` with replacement."""
-    n = len(values)
-    size = max(1, _CHUNK // n)
-    chunks = ((k, min(size, _RESAMPLES - k)) for k in range(0, _RESAMPLES, size))
-    return np.concatenate([values.take(_picks(n, first, count), mode="clip").mean(axis=1) for first, count in chunks])
-
-
-@lru_cache(maxsize=_RESAMPLES * 1000 // _CHUNK)  # all resamples of a test split: 40 MB
-def _picks(n: int, first: int, count: int) -> NDArray[np.int32]:
-    """Return the indices of the values in the resamples ``first`` to ``first`` + ``count`` − 1: shape (``count``, n)."""
-    return _drawn(n, first, count, 0)
-
-
-def _drawn(n: int, first: int, count: int, key: int) -> NDArray[np.int32]:
-    """Draw the indices that `_picks` describes from the stream of a key; key 0 is for episodes."""
-    bits = np.random.PCG64(key).advance(first * n)  # NumPy promises the stream of raw bits, not of its distributions
-    raw = bits.random_raw(count * n)
-    return (((raw >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)).astype(np.int32).reshape(count, n)
-
-
 def interquartile_mean(values: NDArray[np.float64]) -> float:
     """Return the mean of the middle half of all values (Agarwal et al., NeurIPS 2021)."""
     ordered = np.sort(values, axis=None)
@@ -96,7 +139,7 @@ def interquartile_mean(values: NDArray[np.float64]) -> float:
     return float(ordered[cut : len(ordered) - cut].mean())
 
 
-def paired_p_value(differences: NDArray[np.float64]) -> float:
+def paired_p_value(differences: NDArray[np.float64], *, clusters: NDArray[np.int64] | None = None) -> float:
     """Return the two-sided p-value of the mean of paired differences, by the normal distribution.
 
     Parameters
@@ -104,11 +147,13 @@ def paired_p_value(differences: NDArray[np.float64]) -> float:
     differences : ndarray
         Shape (n,): first − second on the same episodes. A few hundred of them are enough for the central limit theorem.
         Differences of at most `ROUNDING` count as 0.
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each episode. The central limit theorem then needs a few dozen cities.
     """
     differences = _beyond_rounding(differences)
-    mean, variance = float(differences.mean()), float(differences.var(ddof=1)) / len(differences)
-    if variance == 0.0:
-        return 1.0 if mean == 0.0 else 0.0
+    mean, variance = float(differences.mean()), variance_of_mean(differences, clusters)
+    if variance < _NOISE**2:
+        return 1.0 if abs(mean) < _NOISE else 0.0
     return math.erfc(abs(mean) / math.sqrt(2 * variance))
 
 
@@ -122,12 +167,27 @@ def significant(p_values: Sequence[float], level: float = 1 - CONFIDENCE) -> lis
     return found
 
 
-def summarise(landed: NDArray[np.bool_], cr: NDArray[np.float64], cral: NDArray[np.float64]) -> dict[str, Interval]:
-    """Return Landed, CR and CRAL over episodes, by name, each with its 95 % confidence interval."""
-    return {"landed": proportion_interval(landed), "cr": mean_interval(cr), "cral": mean_interval(cral)}
+def summarise(
+    landed: NDArray[np.bool_],
+    cr: NDArray[np.float64],
+    cral: NDArray[np.float64],
+    *,
+    clusters: NDArray[np.int64] | None = None,
+) -> dict[str, Interval]:
+    """Return Landed, CR and CRAL over episodes, by name, each with its 95 % confidence interval.
+
+    Parameters
+    ----------
+    landed, cr, cral : ndarray
+        Shape (n,): the scores of each episode.
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each episode.
+    """
+    means = {name: mean_interval(values, clusters=clusters) for name, values in (("cr", cr), ("cral", cral))}
+    return {"landed": proportion_interval(landed, clusters=clusters), **means}
 
 
-def mean_over_seeds(values: NDArray[np.float64]) -> Interval:
+def mean_over_seeds(values: NDArray[np.float64], *, clusters: NDArray[np.int64] | None = None) -> Interval:
     """Return the mean score of a method that was trained with several seeds, with its interval over seeds and episodes.
 
     Each of 10,000 resamples draws episodes and seeds with replacement. A seed is drawn as a whole, since one agent flew all its
@@ -137,30 +197,36 @@ def mean_over_seeds(values: NDArray[np.float64]) -> Interval:
     ----------
     values : ndarray
         Shape (seeds, n): the scores of each seed on the same n episodes. With one seed, this is `mean_interval`.
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each episode.
     """
-    return _percentiles(float(np.mean(values)), _resampled_over_seeds(values, 1))
+    return _percentiles(float(np.mean(values)), _resampled_over_seeds(values, 1, clusters))
 
 
-def difference_over_seeds(first: NDArray[np.float64], second: NDArray[np.float64]) -> Interval:
+def difference_over_seeds(
+    first: NDArray[np.float64], second: NDArray[np.float64], *, clusters: NDArray[np.int64] | None = None
+) -> Interval:
     """Return the mean of first − second on the same episodes, with its interval over the seeds of both and over episodes.
 
     Parameters
     ----------
     first, second : ndarray
         Shape (seeds, n): the numbers of seeds may differ, the episodes must be the same.
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each episode.
     """
     mean = float(np.mean(first)) - float(np.mean(second))
-    return _percentiles(mean, _resampled_over_seeds(first, 1) - _resampled_over_seeds(second, 2))
+    return _percentiles(mean, _resampled_over_seeds(first, 1, clusters) - _resampled_over_seeds(second, 2, clusters))
 
 
-def _resampled_over_seeds(values: NDArray[np.float64], key: int) -> NDArray[np.float64]:
+def _resampled_over_seeds(values: NDArray[np.float64], key: int, clusters: NDArray[np.int64] | None) -> NDArray[np.float64]:
     """Return the means of 10,000 samples of seeds and episodes; the episodes sampled do not depend on ``key``."""
-    means = np.stack([_resampled_means(each) for each in values])
-    seeds = _drawn(len(values), 0, _RESAMPLES, key).T
+    means = np.stack([resampled_means(each, clusters) for each in values])
+    seeds = drawn(len(values), 0, RESAMPLES, key).T
     return np.take_along_axis(means, seeds, axis=0).mean(axis=0)
 
 
-def share_over_seeds(successes: NDArray[np.bool_]) -> Interval:
+def share_over_seeds(successes: NDArray[np.bool_], *, clusters: NDArray[np.int64] | None = None) -> Interval:
     """Return the share of successes of a method that was trained with several seeds, with its interval over seeds and episodes.
 
     The interval has two independent parts, Wilson's over episodes and the bootstrap's over seeds, so the squares of their
@@ -170,12 +236,14 @@ def share_over_seeds(successes: NDArray[np.bool_]) -> Interval:
     ----------
     successes : ndarray
         Shape (seeds, n): the successes of each seed on the same n episodes. With one seed, this is `proportion_interval`.
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each episode.
     """
-    episodes = proportion_interval(successes.mean(axis=0))
+    episodes = proportion_interval(successes.mean(axis=0), clusters=clusters)
     if len(successes) == 1:
         return episodes
     means, share = successes.mean(axis=1), episodes.mean
-    seeds = _percentiles(share, means[_drawn(len(means), 0, _RESAMPLES, 1)].mean(axis=1))
+    seeds = _percentiles(share, means[drawn(len(means), 0, RESAMPLES, 1)].mean(axis=1))
     low = share - math.hypot(share - episodes.low, share - seeds.low)
     high = share + math.hypot(episodes.high - share, seeds.high - share)
     return Interval(share, max(0.0, low), min(1.0, high))
@@ -198,10 +266,21 @@ class Comparison:
     improvement: Interval
 
 
-def compare(first: NDArray[np.float64], second: NDArray[np.float64]) -> Comparison:
-    """Compare two agents on the same episodes; both arrays of shape (n,), in the same order."""
+def compare(
+    first: NDArray[np.float64], second: NDArray[np.float64], *, clusters: NDArray[np.int64] | None = None
+) -> Comparison:
+    """Compare two agents on the same episodes.
+
+    Parameters
+    ----------
+    first, second : ndarray
+        Shape (n,), float64: the scores of both agents, in the same order of episodes.
+    clusters : ndarray, optional
+        Shape (n,), int64: the city of each episode.
+    """
     difference = first - second
-    return Comparison(mean_interval(difference), mean_interval((np.sign(_beyond_rounding(difference)) + 1) / 2))
+    better = (np.sign(_beyond_rounding(difference)) + 1) / 2
+    return Comparison(mean_interval(difference, clusters=clusters), mean_interval(better, clusters=clusters))
 
 
 def _beyond_rounding(differences: NDArray[np.float64]) -> NDArray[np.float64]:
