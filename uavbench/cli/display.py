@@ -98,7 +98,12 @@ def result_table(result: "Result") -> Group:
         table.add_column(column, justify="left" if column == "metric" else "right")
     for name, interval in result.metrics.items():
         table.add_row(NAMES[name], f"{100 * interval.mean:.1f}", _bounds(interval))
-    return Group(Text(title, style="bold"), table)
+    parts = [Text(title, style="bold"), table]
+    if "cral_over_cities" in summary:
+        spread = {name: 100 * value for name, value in summary["cral_over_cities"].items()}
+        line = f"CRAL in {spread['cities'] / 100:.0f} cities: one in ten below {spread['lowest']:.1f} %, one in ten above "
+        parts.append(Text(f"{line}{spread['highest']:.1f} %"))
+    return Group(*parts)
 
 
 def comparison_table(first: "Result", second: "Result", comparison: "Mapping[str, Comparison]", episodes: int) -> Group:
@@ -140,18 +145,19 @@ def gaps_text(gaps: "Gaps") -> str:
 
 def reference_table(scenario: Scenario, reference: "Reference") -> Group:
     """Return what `uavbench bound` prints: means of upper bounds, best known scores and their gaps, in per cent."""
-    from uavbench.evaluation.metrics import mean_interval
+    from uavbench.evaluation.reference import SPLIT, mean_known
+    from uavbench.world.cities import city_numbers
 
     known = list(reference.values())
     bound, best = (np.array([getattr(k, name) for k in known]) for name in ("upper_bound", "best_known"))
+    cities = city_numbers(scenario, SPLIT, np.array(list(reference), dtype=np.int64))
     table = Table(header_style="bold")
     for column in ("CRAL", "mean %", "95 % confidence interval", "episodes"):
         table.add_column(column, justify="left" if column == "CRAL" else "right")
     for name, values in {"upper bound": bound, "best known": best, "gap": bound - best}.items():
-        there = values[~np.isnan(values)]
-        if len(there):
-            interval = mean_interval(there)
-            table.add_row(name, f"{100 * interval.mean:.1f}", _bounds(interval), f"{len(there):,}")
+        interval = mean_known(values, cities)
+        if interval:
+            table.add_row(name, f"{100 * interval.mean:.1f}", _bounds(interval), f"{(~np.isnan(values)).sum():,}")
     optimal = sum(k.proved_optimal for k in known)
     title = f"{scenario.id}, test episodes" + (f", {optimal:,} proved optimal" if scenario.mission.exact else "")
     return Group(Text(title, style="bold"), table)

@@ -117,21 +117,21 @@ def report(
     If results have different numbers of episodes, only the episodes that all of them have are compared.
 
     Writes the comparison as Markdown, LaTeX and CSV, and figures as PNG and PDF: CRAL and failures to land against the budget,
-    CR against targets or devices, and performance profiles.
+    CR against targets or devices, and performance profiles; with many cities also CRAL against properties of the cities.
     """
     from rich.console import Console
 
     from uavbench import UavbenchError
     from uavbench.cli.progress import working
-    from uavbench.pictures.report import FILES, write_report
+    from uavbench.pictures.report import write_report
 
     try:
         groups = _groups(group or [])
-        with working(Console(stderr=True), "writing", len(FILES)) as advance:
-            write_report([flown(folder) for folder in folders or []], out, advance, scenario, groups, against)
+        with working(Console(stderr=True), "writing") as advance:
+            names = write_report([flown(folder) for folder in folders or []], out, advance, scenario, groups, against)
     except UavbenchError as error:
         raise fail(error) from None
-    typer.echo(f"wrote {out}: {', '.join(FILES)}")
+    typer.echo(f"wrote {out}: {', '.join(names)}")
 
 
 def _groups(given: list[str]) -> "dict[str, list[Result]]":

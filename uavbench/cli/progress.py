@@ -71,8 +71,8 @@ def _bar(console: Console) -> Generator[Progress]:
 
 
 @contextmanager
-def working(console: Console, label: str, total: int) -> Generator[Callable[[object], None]]:
-    """Show the progress of ``total`` pieces of work; call the yielded function when each of them is done."""
+def working(console: Console, label: str, total: int | None = None) -> Generator[Callable[[object], None]]:
+    """Show the progress of ``total`` pieces of work, if known; call the yielded function when each of them is done."""
     with _bar(console) as progress:
         task = progress.add_task(label, total=total, mean="")
         progress.start()

@@ -15,6 +15,7 @@ from uavbench.errors import one_line
 from uavbench.evaluation.metrics import Interval, mean_interval, tolerance
 from uavbench.evaluation.replay import replay
 from uavbench.evaluation.results import Result, ResultError
+from uavbench.world.cities import city_numbers
 from uavbench.world.files import TABLE_BYTES, FileError, read_text, write_atomic
 from uavbench.world.scenario import Scenario
 
@@ -198,17 +199,18 @@ def gaps_of(scenario: Scenario, table: Any) -> Gaps | None:
     """Return the same as `gaps` for a table of test episodes with the columns ``episode`` and ``cral``."""
     known = load_reference(reference_path(scenario), scenario)
     rows = [
-        (known[number], cral)
+        (number, known[number], cral)
         for number, cral in zip(table["episode"].tolist(), table["cral"].tolist(), strict=True)
         if number in known
     ]
-    bound = np.array([k.upper_bound - cral for k, cral in rows])
-    best = np.array([k.best_known - cral for k, cral in rows])
+    bound = np.array([k.upper_bound - cral for _, k, cral in rows])
+    best = np.array([k.best_known - cral for _, k, cral in rows])
+    cities = city_numbers(scenario, SPLIT, np.array([number for number, _, _ in rows], dtype=np.int64))
     if not rows or np.isnan([bound, best]).all():
         return None
     return Gaps(
-        to_bound=_mean(bound),
-        to_best=_mean(best),
+        to_bound=mean_known(bound, cities),
+        to_best=mean_known(best, cities),
         bounded=int((~np.isnan(bound)).sum()),
         compared=int((~np.isnan(best)).sum()),
         optimal=int((bound <= 0.0).sum()) if scenario.mission.exact else 0,
@@ -216,10 +218,10 @@ def gaps_of(scenario: Scenario, table: Any) -> Gaps | None:
     )
 
 
-def _mean(differences: NDArray[np.float64]) -> Interval | None:
-    """Return the mean of the differences that are not NaN, or None if there are none."""
-    there = differences[~np.isnan(differences)]
-    return mean_interval(there) if len(there) else None
+def mean_known(values: NDArray[np.float64], cities: NDArray[np.int64] | None) -> Interval | None:
+    """Return the mean of the values that are not NaN, or None if there are none; ``cities`` are those of the episodes."""
+    there = ~np.isnan(values)
+    return mean_interval(values[there], clusters=None if cities is None else cities[there]) if there.any() else None
 
 
 def _proved(known: Known, scenario: Scenario) -> Known:

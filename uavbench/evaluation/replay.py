@@ -10,6 +10,7 @@ from uavbench.evaluation.evaluate import NO_ACTION, EpisodeRecord
 from uavbench.evaluation.metrics import METRICS, ROUNDING, Comparison, compare, tolerance
 from uavbench.evaluation.results import COLUMNS, Result, ResultError, metrics_of, numbered
 from uavbench.simulation.simulator import Simulator
+from uavbench.world.cities import city_numbers
 from uavbench.world.city import HOVER, NUM_ACTIONS
 from uavbench.world.episode import check_split, split_size
 from uavbench.world.scenario import Scenario, ScenarioError, SplitName, load_scenario
@@ -95,7 +96,7 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     counted = sum(record.steps for record in flown)
     if summary["decisions"] != counted:
         wrong.append(f"summary.json: decisions is {counted}, the file says {summary['decisions']}")
-    for name, interval in metrics_of(flown).items():
+    for name, interval in metrics_of(flown, scenario, split).items():
         for part, value in asdict(interval).items():
             said = getattr(result.metrics[name], part)
             if not abs(value - said) <= ROUNDING:
@@ -241,7 +242,11 @@ def compare_results(first: Result, second: Result) -> tuple[dict[str, Comparison
     a, b = first.scores(), second.scores()
     episodes = min(len(a), len(b))
     paired = {name: (a[name].to_numpy(np.float64)[:episodes], b[name].to_numpy(np.float64)[:episodes]) for name in METRICS}
-    return {name: compare(*values) for name, values in paired.items()}, episodes
+    cities = None
+    if "cral_over_cities" in first.summary:  # else the scenario, which may have moved, is not needed
+        scenario, split = flown_in(first)
+        cities = city_numbers(scenario, split, np.arange(episodes))
+    return {name: compare(*values, clusters=cities) for name, values in paired.items()}, episodes
 
 
 def check_paired(first: Result, second: Result) -> None:

@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError, one_line
+from uavbench.evaluation.cities import spread_over_cities
 from uavbench.evaluation.evaluate import EpisodeRecord, Job
 from uavbench.evaluation.metrics import CONFIDENCE, METRICS, ROUNDING, Interval, summarise
+from uavbench.world.cities import city_numbers
 from uavbench.world.files import (
     TABLE_BYTES,
     FileError,
@@ -35,7 +37,7 @@ from uavbench.world.files import (
     write_together,
 )
 from uavbench.world.resources import scenario_paths
-from uavbench.world.scenario import Scenario, load_scenario
+from uavbench.world.scenario import Scenario, SplitName, load_scenario
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -253,10 +255,15 @@ def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
     return result
 
 
-def metrics_of(records: Sequence[EpisodeRecord]) -> dict[str, Interval]:
-    """Return Landed, CR and CRAL over records, with their intervals."""
+def metrics_of(records: Sequence[EpisodeRecord], scenario: Scenario, split: SplitName) -> dict[str, Interval]:
+    """Return Landed, CR and CRAL over records of episodes, with their intervals; episodes in one city count as dependent."""
     landed, cr, cral = (np.array([getattr(record, name) for record in records]) for name in METRICS)
-    return summarise(landed, cr, cral)
+    return summarise(landed, cr, cral, clusters=_cities(records, scenario, split))
+
+
+def _cities(records: Sequence[EpisodeRecord], scenario: Scenario, split: SplitName) -> NDArray[np.int64] | None:
+    """Return the number of each record's city; None if the scenario has one map."""
+    return city_numbers(scenario, split, np.array([record.episode for record in records], dtype=np.int64))
 
 
 def table_of(records: Sequence[EpisodeRecord]) -> "pd.DataFrame":
@@ -291,12 +298,14 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
     OSError
         When they cannot be written; the folder is then unchanged.
     """
-    decisions = sum(record.steps for record in records)
+    decisions, cral = sum(record.steps for record in records), np.array([record.cral for record in records])
     shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
+    cities = _cities(records, job.scenario, job.split)
     summary: dict[str, Any] = {
         **identity(job, len(records)),
         **({"scenario_file": str(job.scenario.path)} if job.scenario.path.suffix and not shipped else {}),
-        "metrics": {name: asdict(interval) for name, interval in metrics_of(records).items()},
+        "metrics": {name: asdict(each) for name, each in metrics_of(records, job.scenario, job.split).items()},
+        **({} if cities is None else {"cral_over_cities": asdict(spread_over_cities(cral, cities))}),
         "confidence": CONFIDENCE,
         "decisions": decisions,
         "decisions_per_second": decisions / max(sum(record.seconds for record in records), 1e-9),

@@ -20,12 +20,13 @@ from uavbench.evaluation.metrics import (
     proportion_interval,
     significant,
 )
-from uavbench.evaluation.reference import gaps_of
+from uavbench.evaluation.reference import SPLIT, gaps_of
 from uavbench.evaluation.results import table_of
 from uavbench.leaderboard.claims import is_built_in
 from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
 from uavbench.leaderboard.reruns import Rerun, actions_digest, fresh_text
 from uavbench.leaderboard.submission import Submission
+from uavbench.world.cities import city_numbers
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -190,6 +191,11 @@ def _together(group: Sequence[Entry], column: str) -> NDArray[np.float64]:
     return np.mean([entry.values(column) for entry in group], axis=0)
 
 
+def _cities(group: Sequence[Entry]) -> NDArray[np.int64] | None:
+    """Return the city of each episode, if the agent flew in one scenario and it has many cities."""
+    return city_numbers(group[0].submission.scenario, SPLIT, group[0].table["episode"].to_numpy()) if len(group) == 1 else None
+
+
 def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
     """Return the ranks of agents in the order of their means.
 
@@ -198,7 +204,9 @@ def _ranks(ordered: Sequence[Sequence[Entry]]) -> list[int]:
     """
     pairs = list(itertools.combinations(range(len(ordered)), 2))
     cral = [_together(group, "cral") for group in ordered]
-    apart = dict(zip(pairs, significant([paired_p_value(cral[i] - cral[j]) for i, j in pairs]), strict=True))
+    cities = _cities(ordered[0]) if ordered else None
+    tests = [paired_p_value(cral[i] - cral[j], clusters=cities) for i, j in pairs]
+    apart = dict(zip(pairs, significant(tests), strict=True))
     ranks: list[int] = []
     for k in range(len(ordered)):
         splits = all(apart[i, j] for i in range(k) for j in range(k, len(ordered)))
@@ -225,6 +233,7 @@ def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
     apart = reruns[0] if len(group) == 1 and reruns and reruns[0].fresh else None
     count = [len(entry.table) for entry in group]
     known = [gaps_of(entry.submission.scenario, entry.table) for entry in group]
+    cities = _cities(group)
     return Row(
         scenario=scenario,
         track=first.result.track,
@@ -240,9 +249,9 @@ def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
         fresh_difference=apart and Interval(apart.difference, apart.difference_low, apart.difference_high),
         note=_why_unranked(group),
         episodes=sum(count),
-        landed=proportion_interval(_together(group, "landed")),
-        cr=mean_interval(_together(group, "cr")),
-        cral=mean_interval(_together(group, "cral")),
+        landed=proportion_interval(_together(group, "landed"), clusters=cities),
+        cr=mean_interval(_together(group, "cr"), clusters=cities),
+        cral=mean_interval(_together(group, "cral"), clusters=cities),
         iqm=interquartile_mean(np.concatenate([entry.values("cral") for entry in group])),
         steps=float(_together(group, "steps").mean()),
         decisions_per_second=_harmonic([entry.submission.manifest.result.decisions_per_second for entry in group]),

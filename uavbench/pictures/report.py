@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,9 @@ from uavbench.evaluation.spreadsheet import plain_cell
 from uavbench.pictures.figures import Figure, MaxNLocator, fixed_style
 from uavbench.simulation.memory import episodes_at_once
 from uavbench.simulation.simulator import Simulator
+from uavbench.world.cities import city_at, city_keys, city_numbers
+from uavbench.world.city import City
+from uavbench.world.episode import episode_keys
 from uavbench.world.scenario import Scenario, SplitName
 
 if TYPE_CHECKING:
@@ -61,6 +65,11 @@ class Compared:
         """Return, for each entry, the values of ``metric``, a function of a table: shape (seeds, episodes)."""
         return [np.stack([metric(table).to_numpy() for table in tables]) for tables in self.runs]
 
+    @cached_property
+    def cities(self) -> NDArray[np.int64] | None:
+        """The number of the city of each episode; None if the scenario has one map."""
+        return city_numbers(self.scenario, self.split, self.tables[0]["episode"].to_numpy(np.int64))
+
     @property
     def labels(self) -> list[str]:
         """The entries' names; with the number of seeds, if an entry has more than one."""
@@ -83,8 +92,8 @@ def write_report(
     scenario_file: str | None = None,
     groups: Mapping[str, Sequence[Result]] | None = None,
     against: str | None = None,
-) -> None:
-    """Write tables and figures that compare results on the same episodes: `FILES`.
+) -> list[str]:
+    """Write tables and figures that compare results on the same episodes.
 
     Parameters
     ----------
@@ -102,6 +111,11 @@ def write_report(
     against : str, optional
         The name of the entry that the others are compared with, which is listed first; by default the first entry.
 
+    Returns
+    -------
+    list of str
+        The names of the files.
+
     Raises
     ------
     ResultError
@@ -118,7 +132,7 @@ def write_report(
     for name in files:
         on_file(folder / name)
     with fixed_style("".join(compared.labels)):
-        for name, draw in _FIGURES.items():
+        for name, draw in (_FIGURES if compared.cities is None else {**_FIGURES, **_CITY_FIGURES}).items():
             figure = draw(compared)
             for ending in _FORMATS:
                 buffer = io.BytesIO()
@@ -126,6 +140,7 @@ def write_report(
                 files[f"{name}.{ending}"] = buffer.getvalue()
                 on_file(folder / f"{name}.{ending}")
     deliver({folder / name: content for name, content in files.items()})
+    return list(files)
 
 
 def _compare(
@@ -179,12 +194,14 @@ def _numbers(compared: Compared) -> "pd.DataFrame":
 
     scores = {metric: compared.values(lambda table, metric=metric: table[metric]) for metric in (*METRICS, "steps")}
     rows: list[dict[str, Any]] = []
+    cities = compared.cities
     for k, name in enumerate(compared.names):
         landed, cr, cral, steps = (scores[metric][k].astype(np.float64) for metric in scores)
         row: dict[str, Any] = {"agent": name, "seeds": len(steps), "episodes": steps.shape[1]}
-        intervals = {"landed": share_over_seeds(landed > 0), "cr": mean_over_seeds(cr), "cral": mean_over_seeds(cral)}
+        intervals = {name: mean_over_seeds(values, clusters=cities) for name, values in (("cr", cr), ("cral", cral))}
+        intervals = {"landed": share_over_seeds(landed > 0, clusters=cities), **intervals}
         if k > 0:
-            intervals["cral_difference"] = difference_over_seeds(cral, scores["cral"][0])
+            intervals["cral_difference"] = difference_over_seeds(cral, scores["cral"][0], clusters=cities)
         for metric, interval in intervals.items():
             row |= {metric: interval.mean, f"{metric}_low": interval.low, f"{metric}_high": interval.high}
         rows.append({**row, "steps": steps.mean()})
@@ -277,6 +294,25 @@ def _cr_against_targets(compared: Compared) -> Any:
     return _against(compared, label, "CR, %", _amounts(compared), lambda table: table["cr"])
 
 
+def _cral_against_building_share(compared: Compared) -> Any:
+    shares = _of_cities(compared, lambda city: 100 * city.building.mean())
+    return _against(compared, "buildings, % of the city", "CRAL, %", shares, lambda table: table["cral"])
+
+
+def _cral_against_landing_distance(compared: Compared) -> Any:
+    distances = _of_cities(compared, lambda city: city.distance_to_landing[city.distance_to_landing >= 0].mean())
+    across = "moves to a landing zone, mean over the city"
+    return _against(compared, across, "CRAL, %", distances, lambda table: table["cral"])
+
+
+def _of_cities(compared: Compared, measure: Callable[[City], float]) -> NDArray[np.float64]:
+    """Return a measure of each episode's city, shape (n,)."""
+    numbers = compared.tables[0]["episode"].to_numpy(np.int64)
+    keys = city_keys(compared.scenario, episode_keys(compared.split, numbers))
+    measured = {key: measure(city_at(compared.scenario, key)) for key in dict.fromkeys(keys)}
+    return np.array([measured[key] for key in keys])
+
+
 def _failures_against_budget(compared: Compared) -> Any:
     figure = _against(compared, _budget_name(compared), "not landed, %", _budgets(compared), lambda table: table["landed"] == 0)
     (axes,) = figure.axes
@@ -298,7 +334,12 @@ def _against(compared: Compared, across: str, up: str, x: NDArray[np.float64], m
     middle = [float(x[group].mean()) for group in groups]
     for k, values in enumerate(compared.values(metric)):
         shares = values.dtype == np.bool_
-        found = [(share_over_seeds if shares else mean_over_seeds)(values[:, group]) for group in groups]
+        found = [
+            (share_over_seeds if shares else mean_over_seeds)(
+                values[:, group], clusters=None if compared.cities is None else compared.cities[group]
+            )
+            for group in groups
+        ]
         never = shares and not values.any()  # no band around zero: several of them would hide the other lines
         _band(axes, k, middle, found, compared.labels[k], marker=_MARKERS[k % len(_MARKERS)], shade=not never)
     _legend(figure, axes)
@@ -320,7 +361,8 @@ def _performance_profiles(compared: Compared) -> Any:
     figure, axes = _figure(compared, "CRAL τ, %", "episodes with CRAL above τ, %")
     levels = np.arange(100) / 100  # no CRAL is above 1
     for k, cral in enumerate(compared.values(lambda table: table["cral"])):
-        _band(axes, k, (100 * levels).tolist(), [share_over_seeds(cral > level) for level in levels], compared.labels[k])
+        found = [share_over_seeds(cral > level, clusters=compared.cities) for level in levels]
+        _band(axes, k, (100 * levels).tolist(), found, compared.labels[k])
     _legend(figure, axes)
     return figure
 
@@ -362,8 +404,8 @@ _FIGURES = {
     "failures_against_budget": _failures_against_budget,
     "performance_profiles": _performance_profiles,
 }
-#: The files of a report.
-FILES = (
-    *(f"comparison.{ending}" for ending in ("md", "tex", "csv")),
-    *(f"{name}.{ending}" for name in _FIGURES for ending in _FORMATS),
-)
+#: More of them, if the scenario has many cities.
+_CITY_FIGURES = {
+    "cral_against_building_share": _cral_against_building_share,
+    "cral_against_landing_distance": _cral_against_landing_distance,
+}
