@@ -230,8 +230,8 @@ def test_where_all_landed_episodes_count_as_independent():
 
 
 def test_differences_that_cancel_in_every_city_are_no_difference():
-    cancel = np.tile([0.1, 0.2, -0.3], 20)  # their sum is no zero, but rounding
-    assert paired_p_value(cancel, clusters=np.repeat(np.arange(20), 3)) == 1.0
+    for each in ([0.1, 0.2, -0.3], [0.3, 0.6, -0.9]):  # their mean is no 0, but rounding
+        assert paired_p_value(np.tile(each, 20), clusters=np.repeat(np.arange(20), 3)) == 1.0
     assert paired_p_value(np.ones(6), clusters=np.repeat(np.arange(3), 2)) == 0.0
     assert paired_p_value(np.full(6, 1e-12), clusters=np.repeat(np.arange(3), 2)) == 1.0
 
