@@ -11,6 +11,8 @@ from typer.testing import CliRunner
 
 import uavbench
 from uavbench.cli.app import app
+from uavbench.world.cells import rows_of
+from uavbench.world.shown_map import shown_city
 
 AGENTS = Path(__file__).parents[1] / "helpers" / "agents.py"
 
@@ -56,7 +58,7 @@ def test_lists_and_shows_every_scenario(call):
         code, shown = call("show", name)
         assert code == 0
         assert uavbench.load_scenario(name).digest in shown
-        assert uavbench.load_scenario(name).rows[0] in shown
+        assert rows_of(shown_city(uavbench.load_scenario(name), "test", 0))[0] in shown
 
 
 def test_help_has_examples_for_every_command(call):

@@ -9,7 +9,7 @@ import pytest
 from commands import uavbench_command
 from running import AGENTS, N, files, job
 
-from uavbench import load_scenario
+from uavbench import list_scenarios, load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.evaluation.evaluate import NO_ACTION
 from uavbench.evaluation.metrics import summarise
@@ -341,7 +341,7 @@ def test_a_users_own_scenario_is_replayed_from_its_file(tmp_path):
 
 def test_plans_all_scenarios_and_refuses_what_is_not_there():
     source = find_agent("greedy")
-    assert len(jobs(source, ["all", "Block8-CPP-v0"], "test", None, None)) == 14
+    assert len(jobs(source, ["all", "Block8-CPP-v0"], "test", None, None)) == len(list_scenarios())
     assert jobs(source, ["Block8-CPP-v0"], "validation", None, None)[0][1] == 200
     assert jobs(source, ["Block8-CPP-v0"], "train", None, None)[0][1] == 1000
     with pytest.raises(ResultError, match="--split"):

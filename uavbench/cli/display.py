@@ -31,13 +31,12 @@ _STYLES = {"L": "bold blue", "N": "red", "#": "bright_black", "b": "bright_black
 def scenario_table(scenarios: Iterable[Scenario]) -> Table:
     """Return the table of `uavbench list`."""
     table = Table(box=None, header_style="bold")
-    for column in ("id", "map", "cities", "mission", "UAVs", "budget", "targets"):
+    for column in ("id", "map", "mission", "UAVs", "budget", "targets"):
         table.add_column(column, no_wrap=True)
     for scenario in scenarios:
         shape, budget = "{}×{}".format(*scenario.shape), "{}–{}".format(*scenario.budget)
         uavs = "{}–{}".format(*scenario.uavs) if scenario.uavs else "1"
-        cities = str(scenario.cities.number_of_test_cities) if scenario.cities else "1"
-        table.add_row(scenario.id, shape, cities, scenario.mission.kind, uavs, budget, scenario.mission.targets)
+        table.add_row(scenario.id, shape, scenario.mission.kind, uavs, budget, scenario.mission.targets)
     return table
 
 

@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 from uavbench.agents.agent import AgentSource
 from uavbench.agents.apart import ApartSource
 from uavbench.evaluation.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.evaluation.metrics import variance_of_mean
 from uavbench.leaderboard.submission import LARGEST, Submission, SubmissionError, check
+from uavbench.world.cities import city_numbers
 from uavbench.world.files import TABLE_BYTES, FileError, check_writable, read_bounded, read_text, write_atomic
 
 
@@ -254,7 +256,8 @@ def fly_again(
         raise RerunInterrupted(replace(rerun, episodes=next(n for n in range(episodes + 1) if n not in same))) from None
     cral, before = np.array([record.cral for record in flown]), np.array([record.cral for record in submitted])
     difference = float(cral.mean() - before.mean())
-    half = _Z * math.sqrt(_squared_error(cral) + _squared_error(before))
+    cities = city_numbers(submission.scenario, "test", np.arange(len(before)))  # fresh episodes have cities of their own
+    half = _Z * math.sqrt(_squared_error(cral) + _squared_error(before, cities))
     return replace(
         rerun,
         fresh=fresh,
@@ -266,10 +269,14 @@ def fly_again(
     )
 
 
-def _squared_error(values: NDArray[np.float64]) -> float:
-    """Return the variance of the mean; at least about that of one value differing by 1, since rare values may not be drawn."""
+def _squared_error(values: NDArray[np.float64], cities: NDArray[np.int64] | None = None) -> float:
+    """Return the variance of the mean; at least about that of one value differing by 1, since rare values may not be drawn.
+
+    If episodes take place in many cities, ``cities`` says in which, shape (n,).
+    """
     n = len(values)
-    return max(float(values.var()), 1.0 / n) / n
+    plain = max(float(values.var()), 1.0 / n) / n
+    return plain if cities is None else max(plain, variance_of_mean(values, cities))
 
 
 def _first_difference(record: EpisodeRecord, actions: np.ndarray) -> int:
