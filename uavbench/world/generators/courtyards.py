@@ -13,8 +13,8 @@ from uavbench.world.keyed import next_integer, next_uniform
 
 _TOP, _BOTTOM, _LEFT, _RIGHT = 1, 2, 4, 8
 _ALL = _TOP + _BOTTOM + _LEFT + _RIGHT
-#: The sides of a plot along which a building stands, for each shape: O three times, as it is the most common one, U, L.
-_SHAPES = (15, 15, 15, 15, 7, 11, 13, 14, 5, 6, 9, 10)
+#: The sides of a plot along which a building stands, for each shape: O, which is the most common one, U and L.
+_SHAPES = (15, 15, 15, 15, 15, 15, 15, 15, 7, 11, 13, 14, 5, 6, 9, 10)
 _TEE = len(_SHAPES)  # one side and a wing in the middle
 
 
@@ -56,7 +56,7 @@ def _build(cursor: NDArray[np.uint64], city: NDArray[np.uint8], window: Window, 
     high, wide = bottom - top, right - left
     aim = fraction * next_uniform(cursor, 0.7, 1.3) * (high * wide)
     shape = next_integer(cursor, _TEE + 2)
-    thick = 2 if min(high, wide) >= 5 and next_integer(cursor, 4) > 0 else 1
+    thick = 2 if min(high, wide) >= 5 and next_integer(cursor, 3) > 0 else 1
     area = _area(shape, high, wide, thick)
     for thicker in range(thick + 1, (min(high, wide) + 1) // 2):
         if _area(shape, high, wide, thicker) + area < 2.0 * aim:  # nearer to the aim

@@ -8,7 +8,7 @@ columns. Streets run where cells of different seeds meet.
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.world.cells import BUILDING
+from uavbench.world.cells import BUILDING, FREE
 from uavbench.world.generators.canvas import Canvas, Window, allotted, between
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_integer, next_uniform
@@ -16,9 +16,8 @@ from uavbench.world.keyed import next_integer, next_uniform
 _SMALLEST, _LARGEST = 6, 14  # sides of a tile
 _SEED_BITS = 17  # of the number of a seed; there are at most 1024² / 6² of them, and a margin around the map
 _MASK = 2**_SEED_BITS - 1
-_STREET = -1  # instead of the number of a seed
 _WHOLE = 2**30  # instead of the number of cells to build on in a polygon
-_CORE = 16  # how much denser the middle of a town is than its outskirts
+_OUTSKIRTS, _CORE = 3, 9  # what the weight of a polygon is, and what is added to it in the middle of a town
 
 
 @kernel
@@ -27,12 +26,11 @@ def draw_organic(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, wan
     top, left, bottom, right = window
     share = wanted / ((bottom - top) * (right - left))
     cover = min(0.85, share + next_uniform(cursor, 0.06, 0.2))
-    street = 1 + (next_integer(cursor, 3) == 0 and share < 0.4)
-    tile = min(_LARGEST, max(_SMALLEST, int(1.25 * street / (1.0 - np.sqrt(cover)) + 0.5)) + next_integer(cursor, 4))
-    nearest = canvas.distance
-    seeds = _divide(cursor, nearest, window, tile, canvas.spare)
+    street = 1 + (next_integer(cursor, 3) == 0 and share < 0.35)
+    tile = min(_LARGEST, max(_SMALLEST, int(1.25 * street / (1.0 - np.sqrt(cover)) + 0.5)) + next_integer(cursor, 3))
+    seeds = _divide(cursor, canvas.distance, window, tile, canvas.spare)
     plots, weights = canvas.queue[:seeds], canvas.spare[:seeds]
-    cells = _pave(nearest, window, street, plots)
+    cells = _pave(canvas, window, street, plots)
     weight = 0
     for k in range(seeds):
         weight += weights[k] * plots[k]
@@ -44,13 +42,21 @@ def draw_organic(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, wan
             wanted -= built
             cells -= area
             weight -= weights[k] * area
-    for r in range(top, bottom):
-        for c in range(left, right):
-            seed = nearest[r, c]
-            if seed != _STREET and plots[seed] > 0:
-                canvas.city[r, c] = BUILDING
-                if plots[seed] < _WHOLE:
-                    plots[seed] -= 1
+    _write(canvas, window, plots)
+
+
+@kernel
+def _write(canvas: Canvas, window: Window, plots: NDArray[np.int32]) -> None:
+    """Keep the wanted cells of each polygon as buildings, and clear the others."""
+    for r in range(window[0], window[2]):
+        row, seeds = canvas.city[r], canvas.distance[r]
+        for c in range(window[1], window[3]):
+            seed = seeds[c] & _MASK
+            wanted = plots[seed]
+            if wanted == 0:
+                row[c] = FREE
+            elif wanted < _WHOLE and row[c] == BUILDING:
+                plots[seed] = wanted - 1
 
 
 @kernel
@@ -78,7 +84,7 @@ def _divide(
         for j in range(-1, (right - left) // tile + 2):
             x = left + j * tile - shift + (tile // 2 if i % 2 else 0)
             far = (y - core_y) * (y - core_y) + (x - core_x) * (x - core_x)
-            weights[seed] = 1 + max(0, contrast - (contrast * far) // radius)
+            weights[seed] = _OUTSKIRTS + max(0, contrast - (contrast * far) // radius)
             _claim(nearest, window, 2 * y + next_integer(cursor, 2 * tile), 2 * x + next_integer(cursor, 2 * tile), tile, seed)
             seed += 1
     return seed
@@ -100,8 +106,8 @@ def _claim(nearest: NDArray[np.int32], window: Window, y: int, x: int, tile: int
 
 
 @kernel
-def _pave(nearest: NDArray[np.int32], window: Window, street: int, plots: NDArray[np.int32]) -> int:
-    """Turn distances into numbers of seeds, or `_STREET` where seeds meet; count the cells of each, and return the sum.
+def _pave(canvas: Canvas, window: Window, street: int, plots: NDArray[np.int32]) -> int:
+    """Build on all cells but the streets; count the cells of each polygon without them, and return the sum.
 
     A cell is a street if a cell to its right, below it or diagonally below has another seed. Later cells only are compared,
     so that streets are not twice as wide, and with the diagonal one, so that streets do not break where they turn.
@@ -110,17 +116,20 @@ def _pave(nearest: NDArray[np.int32], window: Window, street: int, plots: NDArra
     plots[:] = 0
     cells = 0
     for r in range(top, bottom):
-        below = min(bottom - 1, r + street)
+        row, seeds, below = canvas.city[r], canvas.distance[r], canvas.distance[min(bottom - 1, r + street)]
+        for c in range(left, right - street):
+            same = _same(seeds[c], seeds[c + street]) & _same(seeds[c], below[c]) & _same(seeds[c], below[c + street])
+            row[c] = BUILDING if same else FREE
+        for c in range(max(left, right - street), right):
+            row[c] = BUILDING if _same(seeds[c], below[c]) & _same(seeds[c], below[right - 1]) else FREE
         for c in range(left, right):
-            seed, beside = nearest[r, c] & _MASK, min(right - 1, c + street)
-            same = (
-                (seed == nearest[r, beside] & _MASK)
-                & (seed == nearest[below, c] & _MASK)
-                & (seed == nearest[below, beside] & _MASK)
-            )
-            if same:
-                plots[seed] += 1
-            nearest[r, c] = seed if same else _STREET
+            plots[seeds[c] & _MASK] += row[c] == BUILDING
     for k in range(len(plots)):
         cells += plots[k]
     return cells
+
+
+@kernel
+def _same(one: int, other: int) -> bool:
+    """Return whether two cells have the same seed."""
+    return np.int32(one ^ other) & np.int32(_MASK) == 0
