@@ -2,6 +2,53 @@
 
 The streets are straight, but not at equal distances and not of one width. Some blocks are joined with the next one, some are
 split by an alley, and some stay open as squares.
+
+Cities of 12 × 30 cells with the default parameters and a reach of 60 moves:
+
+Key 0::
+
+    #.................#####NNN####
+    ...........LLL......LLLNNNNN..
+    ...........LLL......LLLNNNNN..
+    ...........LLL......LLLNNNNN..
+    b..####...#####NNNNN.........#
+    b..####...#####NNNNN......####
+    b..####...#####NNNNN......####
+    ..........#####NNNNN......####
+    #..bbbb...#####NNNNNLLL...####
+    #..bbbb...#####.....LLL...####
+    #..bbbb...#####.....LLL...####
+    #..bbbb...#####...........####
+
+Key 1::
+
+    ..###NNN....bbbbb..####..bbbbb
+    ..###NNN....bbbbb..####..bbbbb
+    ..###NNN....bbbbb..####..bbbbb
+    ..###NNN....bbbbb..####..bbbbb
+    ..NNNNNN......................
+    ..NNNNNN......................
+    .....LLLNN....NNNNNN..........
+    ..###LLLNN....NNNNN######.####
+    ..###.........NNNNN######.####
+    LL###.........NNNNN######..LLL
+    LL###.........NNNNN######..LLL
+    LL###.........NNNNN######..LLL
+
+Key 2::
+
+    .....NNN.###....##.....###.bbb
+    .....NNN.###....##.....###.bbb
+    .........###....##.....###.bbb
+    ..............................
+    ....####.bbb.##........###.##.
+    ....####.bbb.##........###.##.
+    ....####.bbb.##........###.##.
+    ..............................
+    ###....NNNNNN...##.........bb.
+    ###LLL.NNNNNN...##.LL......bb.
+    ###LLL.NNNLL....##.LL......bb.
+    ###LLL....LL....##.........bb.
 """
 
 import numpy as np

@@ -39,15 +39,15 @@ def finish(
     zones = between(cursor, int(parameters[8]), int(parameters[9]))
     first = _first_landing(cursor, canvas, parameters)
     flyable, within = _measure(canvas, first, reach)
-    missing = min_landing - first + _missing(city, min_places)
+    missing = _missing(city, min_landing - first, min_places)
     if missing > 0:
         open_buildings(canvas, missing, reach)
         flyable, within = _measure(canvas, first, reach)
     gained, landing = _draw_zones(cursor, canvas, parameters, zones - 1, reach if _too_far(within, flyable) else 0)
     landing += first + _come_nearer(cursor, canvas, parameters, reach, flyable, within + gained)
-    _widen(canvas, flyable, min_landing - landing)
-    missing = _missing(city, min_places)
-    if missing > 0 and open_buildings(canvas, missing, reach) > 0:
+    lacking = _widen(canvas, flyable, min_landing - landing)
+    missing = _missing(city, 0, min_places)
+    if lacking > 0 or (missing > 0 and open_buildings(canvas, missing, reach) > 0):
         _open_field(city, reach, min_landing)
 
 
@@ -109,15 +109,16 @@ def _too_far(within: int, flyable: int) -> bool:
 
 
 @kernel
-def _missing(city: NDArray[np.uint8], min_places: int) -> int:
-    """Return how many cells must become free: for ``min_places`` places, and for one cell to fly to beside landing cells."""
+def _missing(city: NDArray[np.uint8], landing: int, min_places: int) -> int:
+    """Return how many cells must become free: for more landing cells, ``min_places`` places, and one other cell to fly to."""
+    landing = max(0, landing)
     free = low = no_fly = 0
     cells = city.reshape(-1)
     for k in range(len(cells)):
         free += cells[k] == FREE
         low += cells[k] == LOW_BUILDING
         no_fly += cells[k] == NO_FLY
-    return max(min_places - free - no_fly, 1 - free - low)
+    return landing + max(min_places - free - no_fly, 1 - free - low, -free)
 
 
 @kernel
@@ -197,8 +198,8 @@ def _on_the_way(canvas: Canvas, cell: int, reach: int) -> int:
 
 
 @kernel
-def _widen(canvas: Canvas, flyable: int, missing: int) -> None:
-    """Make landing cells of the free cells that are nearest to the first landing zone, as many as are missing."""
+def _widen(canvas: Canvas, flyable: int, missing: int) -> int:
+    """Make landing cells of the free cells that are nearest to the first landing zone; return how many are still missing."""
     city, queue = canvas.city.reshape(-1), canvas.queue
     for k in range(flyable):
         if missing <= 0:
@@ -206,6 +207,7 @@ def _widen(canvas: Canvas, flyable: int, missing: int) -> None:
         if city[queue[k]] == FREE:
             city[queue[k]] = LANDING
             missing -= 1
+    return missing
 
 
 @kernel

@@ -47,9 +47,9 @@ class CityParameters(Record):
     landing_zones: tuple[_Landings, _Landings] = (1, 3)
     landing_size: tuple[_Side, _Side] = (2, 4)
 
-    _ranges = field_validator(
-        "building_share", "low_share", "no_fly_zones", "no_fly_size", "landing_zones", "landing_size"
-    )(ordered)
+    _ranges = field_validator("building_share", "low_share", "no_fly_zones", "no_fly_size", "landing_zones", "landing_size")(
+        ordered
+    )
 
     def encoded(self) -> NDArray[np.float64]:
         """Return the bounds in the order of the attributes, shape (12,), as kernels read them."""

@@ -98,7 +98,7 @@ def spread(
     """
     gained = 0
     for k in range(sources):
-        gained += distance[queue[k]] > reach
+        gained += int(distance[queue[k]] > reach)
         distance[queue[k]] = 0
     head, tail = 0, sources
     while head < tail:
