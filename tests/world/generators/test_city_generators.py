@@ -132,7 +132,28 @@ def test_names_and_parameters_are_read_without_numba():
 
 
 #: SHA-256 of 200 cities of 32 × 32 cells, and of one of 128 × 96. They must never change: other bits need another name.
-DIGESTS = {}
+DIGESTS = {
+    "blocks-v0": (
+        "5845f3163a19ed46dfe9c97b55dd13682f7e155da1464a92e40f2112bc58879a",
+        "543561d5f6f6e2b2c30e2a7107de4a9c3fa618dc52154c5b046a66c969cf9b7f",
+    ),
+    "courtyards-v0": (
+        "a9d4d100cb3f1b49b96f9dde177eeb94c51796daf8a73f1f3d95b8c8740face4",
+        "e3815b4c5ba6d55f4595372a70a547b5cc689e14b745b12d0460e776ae0f7479",
+    ),
+    "organic-v0": (
+        "d0a6be313191dbd0c7cb8b7a4fcf1e0a29fe1f34ac8f38165eca616a0928ca2e",
+        "1933c8c4471b61f46287342f711a671a3d62c144c7de3df581942a288cad8113",
+    ),
+    "campus-v0": (
+        "94d69eef1be122e73f4a6beae1d356a26d90ec6be8a2efd9af8123b860f70655",
+        "03412ad12c60ed0801d8c937501c49e718e466d0e4ea68d5de209a7c5a030b01",
+    ),
+    "mixed-v0": (
+        "2a472b82add684d95660ea07f908e443e65cf72921561f5131fb1c8557133b8c",
+        "015176285d727aed2bf2727fe04b3e253a10be9002f3d78c5fa9b426ef145a15",
+    ),
+}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -155,9 +176,8 @@ def test_buildings_cover_the_wanted_share(name, shape):
     for share in (0.15, 0.3, 0.45):
         cities = draw(name, range(150), shape, building_share=(share, share))
         drawn = (cities >= BUILDING).mean(axis=(1, 2))
-        assert abs(drawn.mean() - share) < 0.02
-        assert (abs(drawn - share) < 0.05).mean() > 0.98
-        assert abs(drawn - share).max() < 0.1
+        assert abs(drawn.mean() - share) < 0.01
+        assert abs(drawn - share).max() < 0.05
 
 
 @pytest.mark.parametrize("name", NAMES)
