@@ -127,7 +127,7 @@ def _land(canvas: Canvas, zone: Window, reach: int) -> tuple[int, int]:
     count = mark_landing(canvas, zone, canvas.spare)
     if reach == 0:
         return 0, count
-    _, gained = spread(canvas.distance.reshape(-1), canvas.spare, count, canvas.city.shape[1], reach, reach)
+    _, gained = spread(canvas.distance.reshape(-1), canvas.spare, count, canvas.city.shape[1], reach)
     return gained, count
 
 

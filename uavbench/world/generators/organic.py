@@ -75,7 +75,7 @@ def draw_organic(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, wan
     cover = min(0.85, share + next_uniform(cursor, 0.06, 0.2))
     street = 1 + (next_integer(cursor, 3) == 0 and share < 0.35)
     tile = min(_LARGEST, max(_SMALLEST, int(1.25 * street / (1.0 - np.sqrt(cover)) + 0.5)) + next_integer(cursor, 3))
-    seeds = _divide(cursor, canvas.distance, window, tile, canvas.spare)
+    seeds = _divide(cursor, canvas, window, tile, canvas.spare)
     plots, weights = canvas.queue[:seeds], canvas.spare[:seeds]
     cells = _pave(canvas, window, street, plots)
     weight = 0
@@ -96,20 +96,17 @@ def draw_organic(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, wan
 def _write(canvas: Canvas, window: Window, plots: NDArray[np.int32]) -> None:
     """Keep the wanted cells of each polygon as buildings, and clear the others."""
     for r in range(window[0], window[2]):
-        row, seeds = canvas.city[r], canvas.distance[r]
-        for c in range(window[1], window[3]):
-            seed = seeds[c] & _MASK
+        row, seeds = canvas.city[r, window[1] : window[3]], canvas.distance[r, window[1] : window[3]]
+        for c in range(len(row)):
+            seed = np.uint64(seeds[c] & _MASK)
             wanted = plots[seed]
-            if wanted == 0:
-                row[c] = FREE
-            elif wanted < _WHOLE and row[c] == BUILDING:
+            row[c] = row[c] if wanted > 0 else FREE
+            if wanted < _WHOLE and row[c] == BUILDING:
                 plots[seed] = wanted - 1
 
 
 @kernel
-def _divide(
-    cursor: NDArray[np.uint64], nearest: NDArray[np.int32], window: Window, tile: int, weights: NDArray[np.int32]
-) -> int:
+def _divide(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, tile: int, weights: NDArray[np.int32]) -> int:
     """Draw the seeds, and write which one is nearest to each cell; return how many seeds there are.
 
     A seed is compared with the cells that are at most the side of a tile away in each direction. Distances are squared, in half
@@ -118,8 +115,9 @@ def _divide(
     """
     top, left, bottom, right = window
     for r in range(top, bottom):
-        for c in range(left, right):
-            nearest[r, c] = np.int32(2**31 - 1)
+        row = canvas.distance[r, left:right]
+        for c in range(len(row)):
+            row[c] = np.int32(2**31 - 1)
     core_y = top + ((bottom - top) * between(cursor, 1, 5)) // 6
     core_x = left + ((right - left) * between(cursor, 1, 5)) // 6
     contrast = next_integer(cursor, 2) * _CORE
@@ -132,24 +130,24 @@ def _divide(
             x = left + j * tile - shift + (tile // 2 if i % 2 else 0)
             far = (y - core_y) * (y - core_y) + (x - core_x) * (x - core_x)
             weights[seed] = _OUTSKIRTS + max(0, contrast - (contrast * far) // radius)
-            _claim(nearest, window, 2 * y + next_integer(cursor, 2 * tile), 2 * x + next_integer(cursor, 2 * tile), tile, seed)
+            _claim(canvas, window, 2 * y + next_integer(cursor, 2 * tile), 2 * x + next_integer(cursor, 2 * tile), tile, seed)
             seed += 1
     return seed
 
 
 @kernel
-def _claim(nearest: NDArray[np.int32], window: Window, y: int, x: int, tile: int, seed: int) -> None:
+def _claim(canvas: Canvas, window: Window, y: int, x: int, tile: int, seed: int) -> None:
     """Give a seed at (``y``, ``x``), in half cells, the cells around it to which no earlier seed is nearer."""
     first, last = max(window[1], x // 2 - tile), min(window[3], x // 2 + tile + 1)
-    wide, flat = nearest.shape[1], nearest.reshape(-1)
+    along = canvas.queue[: max(0, last - first)]  # what a column adds to the distance is the same in all rows
+    for k in range(len(along)):
+        offset = 2 * (first + k) - x
+        along[k] = (offset * offset) << _SEED_BITS
     for r in range(max(window[0], y // 2 - tile), min(window[2], y // 2 + tile + 1)):
-        start = np.uint64(r * wide + first)
-        square = (2 * r - y) * (2 * r - y)
-        for k in range(last - first):
-            along = np.int32(2 * (first + k) - x)
-            value = np.int32(((square + along * along) << _SEED_BITS) | seed)
-            place = start + np.uint64(k)
-            flat[place] = min(flat[place], value)
+        row = canvas.distance[r, first : first + len(along)]
+        here = np.int32(((2 * r - y) * (2 * r - y) << _SEED_BITS) | seed)
+        for k in range(len(along)):
+            row[k] = min(row[k], np.int32(along[k] + here))
 
 
 @kernel
@@ -163,14 +161,18 @@ def _pave(canvas: Canvas, window: Window, street: int, plots: NDArray[np.int32])
     plots[:] = 0
     cells = 0
     for r in range(top, bottom):
-        row, seeds, below = canvas.city[r], canvas.distance[r], canvas.distance[min(bottom - 1, r + street)]
-        for c in range(left, right - street):
-            same = _same(seeds[c], seeds[c + street]) & _same(seeds[c], below[c]) & _same(seeds[c], below[c + street])
+        under = min(bottom - 1, r + street)
+        # Slices, because Numba then knows that no index is negative, and the loops become vector instructions.
+        row, seeds, below = canvas.city[r, left:right], canvas.distance[r, left:right], canvas.distance[under, left:right]
+        inside = max(0, len(row) - street)
+        beside, across = canvas.distance[r, right - inside : right], canvas.distance[under, right - inside : right]
+        for c in range(inside):
+            same = _same(seeds[c], beside[c]) & _same(seeds[c], below[c]) & _same(seeds[c], across[c])
             row[c] = BUILDING if same else FREE
-        for c in range(max(left, right - street), right):
-            row[c] = BUILDING if _same(seeds[c], below[c]) & _same(seeds[c], below[right - 1]) else FREE
-        for c in range(left, right):
-            plots[seeds[c] & _MASK] += row[c] == BUILDING
+        for c in range(inside, len(row)):
+            row[c] = BUILDING if _same(seeds[c], below[c]) & _same(seeds[c], below[len(row) - 1]) else FREE
+        for c in range(len(row)):
+            plots[np.uint64(seeds[c] & _MASK)] += row[c] == BUILDING
     for k in range(len(plots)):
         cells += plots[k]
     return cells

@@ -71,10 +71,8 @@ def within_reach(distance: NDArray[np.int32], queue: NDArray[np.int32], visited:
 
 
 @kernel
-def spread(
-    distance: NDArray[np.int32], queue: NDArray[np.int32], sources: int, wide: int, limit: int, reach: int
-) -> tuple[int, int]:
-    """Lower the distances of all cells around the first cells of a queue, up to ``limit`` moves away.
+def spread(distance: NDArray[np.int32], queue: NDArray[np.int32], sources: int, wide: int, reach: int) -> tuple[int, int]:
+    """Lower the distances of all cells around the first cells of a queue, up to ``reach`` moves away.
 
     Parameters
     ----------
@@ -86,8 +84,8 @@ def spread(
         How many cells it begins at.
     wide : int
         The columns of the canvas.
-    limit, reach : int
-        See above, and below.
+    reach : int
+        How far it goes.
 
     Returns
     -------
@@ -105,33 +103,25 @@ def spread(
         cell = queue[np.uint64(head)]
         head += 1
         moves = distance[np.uint64(cell)] + 1
-        if moves > limit:
+        if moves > reach:
             break
-        close = moves <= reach
-        tail, gained = _visit(distance, queue, tail, gained, cell - wide, moves, close, reach)
-        tail, gained = _visit(distance, queue, tail, gained, cell + 1, moves, close, reach)
-        tail, gained = _visit(distance, queue, tail, gained, cell + wide, moves, close, reach)
-        tail, gained = _visit(distance, queue, tail, gained, cell - 1, moves, close, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell - wide, moves, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell + 1, moves, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell + wide, moves, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell - 1, moves, reach)
     return tail, gained
 
 
 @kernel
 def _visit(
-    distance: NDArray[np.int32],
-    queue: NDArray[np.int32],
-    tail: int,
-    gained: int,
-    cell: int,
-    moves: int,
-    close: bool,
-    reach: int,
+    distance: NDArray[np.int32], queue: NDArray[np.int32], tail: int, gained: int, cell: int, moves: int, reach: int
 ) -> tuple[int, int]:
     """Add a cell to the queue if it is nearer than it was known to be; without a branch, which would be slower."""
     before = distance[np.uint64(cell)]
     nearer = before > moves
     queue[np.uint64(tail)] = cell
     distance[np.uint64(cell)] = moves if nearer else before
-    return tail + nearer, gained + (close & (before > reach))
+    return tail + nearer, gained + (before > reach)
 
 
 @kernel
@@ -235,7 +225,7 @@ def open_buildings(canvas: Canvas, wanted: int, limit: int) -> int:
         if city[cell] == LANDING:
             queue[sources] = cell
             sources += 1
-    tail, _ = spread(distance, queue, sources, canvas.city.shape[1], limit, 0)
+    tail, _ = spread(distance, queue, sources, canvas.city.shape[1], limit)
     for k in range(sources, tail):
         if wanted <= 0:
             break
