@@ -101,7 +101,7 @@ def _write(canvas: Canvas, window: Window, plots: NDArray[np.int32]) -> None:
             seed = np.uint64(seeds[c] & _MASK)
             wanted = plots[seed]
             row[c] = row[c] if wanted > 0 else FREE
-            if wanted < _WHOLE and row[c] == BUILDING:
+            if 0 < wanted < _WHOLE and row[c] == BUILDING:
                 plots[seed] = wanted - 1
 
 
