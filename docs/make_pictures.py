@@ -1,4 +1,4 @@
-"""Make the pictures of the README and the docs: flights, and the leaderboard's page (which needs Debian's chromium).
+"""Make the pictures of the README and the docs: flights, cities, and the leaderboard's page (which needs Debian's chromium).
 
 Usage: python docs/make_pictures.py
 """
@@ -19,6 +19,9 @@ from uavbench.leaderboard.submission import load_submission
 from uavbench.pictures.plot import save_plot
 from uavbench.pictures.watch import recorded_scenes
 from uavbench.simulation.state_view import StateView
+from uavbench.world.cells import COLOURS
+from uavbench.world.generators import GENERATORS, draw_cities
+from uavbench.world.generators.parameters import CityParameters
 
 IMAGES = Path(__file__).parent / "images"
 SUBMISSIONS = Path(__file__).parent.parent / "leaderboard" / "submissions"
@@ -112,7 +115,22 @@ def moving(scenario="Manhattan32-CPP-v0", episode=28, agents=("planner", "ddqn")
     print(f"wrote {path}: {path.stat().st_size / 1e6:.2f} MB")
 
 
+def cities(size=32, number=5, pixels=5):
+    """Draw samples of each generator of cities with its default parameters: those of the first keys, row by row."""
+    for name in GENERATORS:
+        codes = np.empty((number * number, size, size), dtype=np.uint8)
+        draw_cities(name, np.arange(len(codes), dtype=np.uint64), CityParameters(), 40, 1, 1, codes)
+        tiles = np.pad(codes, ((0, 0), (0, 1), (0, 1)), constant_values=len(COLOURS))
+        rows = tiles.reshape(number, number, size + 1, size + 1).swapaxes(1, 2).reshape(number * (size + 1), -1)[:-1, :-1]
+        picture = Image.fromarray(rows.repeat(pixels, 0).repeat(pixels, 1))
+        picture.putpalette([part for colour in (*COLOURS, (0, 0, 0)) for part in colour])
+        path = IMAGES / f"cities-{name.removesuffix('-v0')}.png"
+        picture.save(path, optimize=True)
+        print(f"wrote {path}: {path.stat().st_size / 1e3:.1f} kB")
+
+
 if __name__ == "__main__":
+    cities()
     moving()
     main()
     plot()

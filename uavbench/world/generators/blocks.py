@@ -2,6 +2,53 @@
 
 The streets are straight, but not at equal distances and not of one width. Some blocks are joined with the next one, some are
 split by an alley, and some stay open as squares.
+
+Cities of 12 × 30 cells with the default parameters and a reach of 60 moves:
+
+Key 0::
+
+    #.................#####NNN####
+    ...........LLL......LLLNNNNN..
+    ...........LLL......LLLNNNNN..
+    ...........LLL......LLLNNNNN..
+    b..####...#####NNNNN.........#
+    b..####...#####NNNNN......####
+    b..####...#####NNNNN......####
+    ..........#####NNNNN......####
+    #..bbbb...#####NNNNNLLL...####
+    #..bbbb...#####.....LLL...####
+    #..bbbb...#####.....LLL...####
+    #..bbbb...#####...........####
+
+Key 1::
+
+    ..###NNN....bbbbb..####..bbbbb
+    ..###NNN....bbbbb..####..bbbbb
+    ..###NNN....bbbbb..####..bbbbb
+    ..###NNN....bbbbb..####..bbbbb
+    ..NNNNNN......................
+    ..NNNNNN......................
+    .....LLLNN....NNNNNN..........
+    ..###LLLNN....NNNNN######.####
+    ..###.........NNNNN######.####
+    LL###.........NNNNN######..LLL
+    LL###.........NNNNN######..LLL
+    LL###.........NNNNN######..LLL
+
+Key 2::
+
+    .....NNN.###....##.....###.bbb
+    .....NNN.###....##.....###.bbb
+    .........###....##.....###.bbb
+    ..............................
+    ....####.bbb.##........###.##.
+    ....####.bbb.##........###.##.
+    ....####.bbb.##........###.##.
+    ..............................
+    ###....NNNNNN...##.........bb.
+    ###LLL.NNNNNN...##.LL......bb.
+    ###LLL.NNNLL....##.LL......bb.
+    ###LLL....LL....##.........bb.
 """
 
 import numpy as np
@@ -12,7 +59,7 @@ from uavbench.world.generators.canvas import Canvas, Window, allotted, between, 
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_integer, next_uniform
 
-_LARGEST = 12  # cells along the shorter side of a block
+_SMALLEST, _LARGEST = 3, 12  # cells along the shorter side of a block
 _ELONGATIONS = 3  # the longer side of a block is 1, 1.5 or 2 times the shorter one
 
 
@@ -35,7 +82,7 @@ def draw_blocks(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, want
     share = wanted / ((bottom - top) * (right - left))
     street = 1 + next_integer(cursor, 3)
     halves = 2 + next_integer(cursor, _ELONGATIONS)
-    room = max(2, min(_LARGEST, (min(bottom - top, right - left) - 1) // 2))
+    room = max(_SMALLEST, min(_LARGEST, (min(bottom - top, right - left) - 1) // 2))
     size, street = _sizes(min(0.88, share + next_uniform(cursor, 0.06, 0.2)), street, halves, room)
     down, across = size, (size * halves) // 2
     if next_integer(cursor, 2) == 0:
@@ -47,7 +94,7 @@ def draw_blocks(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, want
         for j in range(wide):
             block = (rows[2 * i], cols[2 * j], rows[2 * i + 1], cols[2 * j + 1])
             area = (block[2] - block[0]) * (block[3] - block[1])
-            cells = allotted(cursor, area, wanted, remaining)
+            cells = allotted(cursor, area, wanted, remaining, wanted / remaining)
             remaining -= area
             if cells > 0:
                 joined = cols[2 * j + 2] if j + 1 < wide else right
@@ -58,10 +105,14 @@ def draw_blocks(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, want
 def _sizes(cover: float, street: int, halves: int, room: int) -> tuple[int, int]:
     """Return the side of blocks and the width of streets with which all blocks together cover about ``cover``.
 
-    Narrower streets are taken if blocks would have to be larger than ``room``.
+    Streets are wider than ``street`` if even the smallest blocks would cover far more, and narrower if blocks would have to be
+    larger than ``room``.
     """
+    long = (_SMALLEST * halves) // 2
+    if _SMALLEST * long > (cover + 0.15) * ((_SMALLEST + street) * (long + street)):
+        street += 1
     for width in range(street, 0, -1):
-        for size in range(2, room + 1):
+        for size in range(_SMALLEST, room + 1):
             long = (size * halves) // 2
             if size * long >= cover * ((size + width) * (long + width)):
                 return size, width
@@ -88,6 +139,8 @@ def _build(cursor: NDArray[np.uint64], city: NDArray[np.uint8], block: Window, j
     high, wide = bottom - top, right - left
     if cells < high * wide:  # the rest of the wanted cells
         bottom = top + (cells + wide // 2) // wide
+        if bottom == top + 1 and high > 1:
+            return 0  # it would be a wall
         fill(city, (top, left, bottom, right), BUILDING)
         return (bottom - top) * wide
     roll = next_integer(cursor, 16)

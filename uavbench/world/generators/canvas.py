@@ -76,11 +76,10 @@ def chance(cursor: NDArray[np.uint64], probability: float) -> bool:
 
 
 @kernel
-def allotted(cursor: NDArray[np.uint64], area: int, wanted: int, left: int) -> int:
+def allotted(cursor: NDArray[np.uint64], area: int, wanted: int, left: int, probability: float) -> int:
     """Return how many cells of a plot shall be built on: all of it, a part or nothing.
 
-    A generator visits its plots one after the other. The chance of a plot is the fraction of all cells still wanted, so that
-    built and open plots are mixed over the whole city; and the last plots make up for what chance has left too much or little.
+    A generator visits its plots one after the other, and the last ones make up for what chance has left too much or too little.
 
     Parameters
     ----------
@@ -92,8 +91,10 @@ def allotted(cursor: NDArray[np.uint64], area: int, wanted: int, left: int) -> i
         Cells that are still to be built on, in this and all later plots.
     left : int
         Cells of this and all later plots.
+    probability : float
+        The chance that the plot is built on. With ``wanted / left``, built and open plots are mixed over the whole city.
     """
-    if next_uniform(cursor, 0.0, 1.0) * left < wanted:
+    if chance(cursor, probability):
         return min(area, wanted)
     return max(0, wanted - (left - area))  # as much as the later plots cannot take
 

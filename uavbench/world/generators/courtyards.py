@@ -1,6 +1,53 @@
 """Courtyards: buildings with the shapes of the letters O, U, L and T, whose yards are open to a street.
 
 Each row of plots is cut by streets of its own, so that streets in one direction end at those in the other one.
+
+Cities of 12 × 30 cells with the default parameters and a reach of 60 moves:
+
+Key 0::
+
+    ###.#####.bbbbb...............
+    ..............................
+    ..#..#.........######.#.....##
+    ..#..#.........#....#.#.....##
+    ..#..#............NN#N#N....##
+    ..####.........######N#####.##
+    ..................NNNNNN......
+    ###.######.bbbbb.##NNNNNNNN...
+    #.....#....bbbbb.##NNNNNNNN...
+    #.#...#....bb....##...........
+    #.#...#LLL.bbbbb.######.......
+    ###...#LLL.bbbbb.######.......
+
+Key 1::
+
+    .....####.bbbbbb.#####....LLNN
+    .....####.bbbbbb.#####LLL.LLNN
+    ...NNNNNN.............LLL...NN
+    ...NNNNNN...................NN
+    #.##NbbbbbbNNNN#.####.#.##.###
+    #..#NbNNN.bNNNN#.#....#..#...#
+    #..#NNNNN.bNNNN#.#..#.#..#...#
+    #..#NbbbbbbN####.####.####...#
+    ...........NNNNN..............
+    ...........LL.................
+    bbbbb......LL#####.######.....
+    bbbbb........#####.######.....
+
+Key 2::
+
+    ...#####..........bbbbb..####.
+    ...#...#.LLL......bbbbb.....#.
+    ...#...#.LLL......bbbbb.....#.
+    ...##.##.LLL......bbbbb..####.
+    ..............................
+    ..............................
+    .NNN....####..####...#####....
+    .NNN....####..#......#####....
+    .NNN....####..#..#...#####....
+    .NNN....####..#..#...#####.LL.
+    .NNN....####..####...#####.LL.
+    ..............................
 """
 
 import numpy as np
@@ -12,8 +59,9 @@ from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_integer, next_uniform
 
 _TOP, _BOTTOM, _LEFT, _RIGHT = 1, 2, 4, 8
-#: The sides of a plot along which a building stands, for each shape: O three times, as it is the most common one, U, L.
-_SHAPES = (15, 15, 15, 15, 7, 11, 13, 14, 5, 6, 9, 10)
+_ALL = _TOP + _BOTTOM + _LEFT + _RIGHT
+#: The sides of a plot along which a building stands, for each shape: O, which is the most common one, U and L.
+_SHAPES = (15, 15, 15, 15, 15, 15, 15, 15, 7, 11, 13, 14, 5, 6, 9, 10)
 _TEE = len(_SHAPES)  # one side and a wing in the middle
 
 
@@ -43,20 +91,21 @@ def draw_courtyards(cursor: NDArray[np.uint64], canvas: Canvas, window: Window, 
         for j in range(wide):
             side = cols[2 * j + 1] - cols[2 * j]
             plot = (rows[2 * i], cols[2 * j], rows[2 * i + 1], cols[2 * j + 1])
-            row_wanted -= _build(cursor, canvas.city, plot, row_wanted / (width * depth))
+            row_wanted -= _build(cursor, canvas.city, window, plot, row_wanted / (width * depth))
             width -= side
         wanted += row_wanted
 
 
 @kernel
-def _build(cursor: NDArray[np.uint64], city: NDArray[np.uint8], plot: Window, fraction: float) -> int:
+def _build(cursor: NDArray[np.uint64], city: NDArray[np.uint8], window: Window, plot: Window, fraction: float) -> int:
     """Build on about the fraction of a plot that is wanted in the mean; return the number of cells."""
     top, left, bottom, right = plot
     high, wide = bottom - top, right - left
     aim = fraction * next_uniform(cursor, 0.7, 1.3) * (high * wide)
     shape = next_integer(cursor, _TEE + 2)
-    thick, area = 1, _area(shape, high, wide, 1)
-    for thicker in range(2, (min(high, wide) + 1) // 2):
+    thick = 2 if min(high, wide) >= 5 and next_integer(cursor, 3) > 0 else 1
+    area = _area(shape, high, wide, thick)
+    for thicker in range(thick + 1, (min(high, wide) + 1) // 2):
         if _area(shape, high, wide, thicker) + area < 2.0 * aim:  # nearer to the aim
             thick, area = thicker, _area(shape, high, wide, thicker)
     if area > aim and not chance(cursor, aim / area):
@@ -67,11 +116,11 @@ def _build(cursor: NDArray[np.uint64], city: NDArray[np.uint8], plot: Window, fr
     if shape >= _TEE:
         _draw_tee(city, plot, thick, shape, next_integer(cursor, 2) == 0)
         return area
-    sides = _SHAPES[shape]
+    sides = _inwards(window, plot, _SHAPES[shape])
     yard = _yard(plot, sides, thick)
     fill(city, plot, BUILDING)
     fill(city, yard, FREE)
-    return area - (_open(cursor, city, plot, yard) if sides == _TOP + _BOTTOM + _LEFT + _RIGHT else 0)
+    return area - (_open(cursor, city, window, plot, yard) if sides == _ALL else 0)
 
 
 @kernel
@@ -97,6 +146,16 @@ def _yard(plot: Window, sides: int, thick: int) -> Window:
 
 
 @kernel
+def _inwards(window: Window, plot: Window, sides: int) -> int:
+    """Turn a shape around if its open side is at the edge of the window, where no street would lead to its yard."""
+    if sides & (_TOP + _BOTTOM) in (_TOP, _BOTTOM) and plot[0 if sides & _BOTTOM else 2] == window[0 if sides & _BOTTOM else 2]:
+        sides ^= _TOP + _BOTTOM
+    if sides & (_LEFT + _RIGHT) in (_LEFT, _RIGHT) and plot[1 if sides & _RIGHT else 3] == window[1 if sides & _RIGHT else 3]:
+        sides ^= _LEFT + _RIGHT
+    return sides
+
+
+@kernel
 def _draw_tee(city: NDArray[np.uint8], plot: Window, thick: int, shape: int, first: bool) -> None:
     """Draw one side of a plot, the first or the last one, and a wing from its middle to the other side."""
     top, left, bottom, right = plot
@@ -111,10 +170,12 @@ def _draw_tee(city: NDArray[np.uint8], plot: Window, thick: int, shape: int, fir
 
 
 @kernel
-def _open(cursor: NDArray[np.uint64], city: NDArray[np.uint8], plot: Window, yard: Window) -> int:
+def _open(cursor: NDArray[np.uint64], city: NDArray[np.uint8], window: Window, plot: Window, yard: Window) -> int:
     """Cut a passage from a yard to one side of its plot, one or two cells wide; return how many cells it takes."""
-    side = next_integer(cursor, 4)
-    upright = side < 2
+    side = next_integer(cursor, 4)  # top, left, bottom, right
+    if plot[side] == window[side]:
+        side = (side + 2) % 4
+    upright = side % 2 == 0
     begin, end = (yard[1], yard[3]) if upright else (yard[0], yard[2])
     if end <= begin:
         return 0
@@ -123,9 +184,9 @@ def _open(cursor: NDArray[np.uint64], city: NDArray[np.uint8], plot: Window, yar
     if side == 0:
         passage = (plot[0], at, yard[0], at + gap)
     elif side == 1:
-        passage = (yard[2], at, plot[2], at + gap)
-    elif side == 2:
         passage = (at, plot[1], at + gap, yard[1])
+    elif side == 2:
+        passage = (yard[2], at, plot[2], at + gap)
     else:
         passage = (at, yard[3], at + gap, plot[3])
     fill(city, passage, FREE)

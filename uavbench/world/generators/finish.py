@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from uavbench.world.cells import FREE, LANDING, LOW_BUILDING, NO_FLY
 from uavbench.world.generators.canvas import Canvas, Window, between, fill
 from uavbench.world.generators.heights import lower_buildings
-from uavbench.world.generators.search import FAR, join_pockets, open_buildings, prepare, spread
+from uavbench.world.generators.search import join_pockets, open_buildings, prepare, search_all, spread, within_reach
 from uavbench.world.generators.zones import draw_no_fly, find_landing, landing_around, mark_landing
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
@@ -38,16 +38,16 @@ def finish(
     draw_no_fly(cursor, city, no_fly_zones, int(parameters[6]), int(parameters[7]))
     zones = between(cursor, int(parameters[8]), int(parameters[9]))
     first = _first_landing(cursor, canvas, parameters)
-    flyable, visited, within = _measure(canvas, first, reach)
-    missing = min_landing - first + _missing(city, min_places)
+    flyable, within = _measure(canvas, first, reach)
+    missing = _missing(city, min_landing - first, min_places)
     if missing > 0:
         open_buildings(canvas, missing, reach)
-        flyable, visited, within = _measure(canvas, first, reach)
-    gained, landing = _draw_zones(cursor, canvas, parameters, zones - 1, reach)
-    landing += first + _come_nearer(cursor, canvas, parameters, reach, visited, flyable, within + gained)
-    _widen(canvas, visited, min_landing - landing)
-    missing = _missing(city, min_places)
-    if missing > 0 and open_buildings(canvas, missing, reach) > 0:
+        flyable, within = _measure(canvas, first, reach)
+    gained, landing = _draw_zones(cursor, canvas, parameters, zones - 1, reach if _too_far(within, flyable) else 0)
+    landing += first + _come_nearer(cursor, canvas, parameters, reach, flyable, within + gained)
+    lacking = _widen(canvas, flyable, min_landing - landing)
+    missing = _missing(city, 0, min_places)
+    if lacking > 0 or (missing > 0 and open_buildings(canvas, missing, reach) > 0):
         _open_field(city, reach, min_landing)
 
 
@@ -74,7 +74,7 @@ def _first_landing(cursor: NDArray[np.uint64], canvas: Canvas, parameters: NDArr
 
 
 @kernel
-def _measure(canvas: Canvas, first: int, reach: int) -> tuple[int, int, int]:
+def _measure(canvas: Canvas, first: int, reach: int) -> tuple[int, int]:
     """Measure the distances to the first landing zone, and join all that can be flown over to one region.
 
     Parameters
@@ -88,38 +88,46 @@ def _measure(canvas: Canvas, first: int, reach: int) -> tuple[int, int, int]:
 
     Returns
     -------
-    flyable, visited : int
-        Cells that can be flown over; these are the first cells of the queue, nearest first.
+    flyable : int
+        Cells that can be flown over: the first cells of the queue, nearest first.
     within : int
         How many of them are at most ``reach`` moves away.
     """
     distance, wide = canvas.distance.reshape(-1), canvas.city.shape[1]
     flyable = prepare(canvas)
-    visited, within = spread(distance, canvas.queue, first, wide, FAR - 1, reach)
-    if visited < flyable:
-        join_pockets(canvas, visited, flyable)
-        flyable = prepare(canvas)
-        visited, within = spread(distance, canvas.queue, first, wide, FAR - 1, reach)
-    return flyable, visited, within
+    visited = search_all(distance, canvas.queue, first, wide)
+    if visited < flyable and join_pockets(canvas, visited):
+        prepare(canvas)
+        visited = search_all(distance, canvas.queue, first, wide)
+    return visited, within_reach(distance, canvas.queue, visited, reach)
 
 
 @kernel
-def _missing(city: NDArray[np.uint8], min_places: int) -> int:
-    """Return how many cells must become free: for ``min_places`` places, and for one cell to fly to beside landing cells."""
+def _too_far(within: int, flyable: int) -> bool:
+    """Return whether less than 95 % of the cells that can be flown over are within reach of a landing cell."""
+    return 20 * within < 19 * flyable
+
+
+@kernel
+def _missing(city: NDArray[np.uint8], landing: int, min_places: int) -> int:
+    """Return how many cells must become free: for more landing cells, ``min_places`` places, and one other cell to fly to."""
+    landing = max(0, landing)
     free = low = no_fly = 0
     cells = city.reshape(-1)
     for k in range(len(cells)):
         free += cells[k] == FREE
         low += cells[k] == LOW_BUILDING
         no_fly += cells[k] == NO_FLY
-    return max(min_places - free - no_fly, 1 - free - low)
+    return landing + max(min_places - free - no_fly, 1 - free - low, -free)
 
 
 @kernel
 def _land(canvas: Canvas, zone: Window, reach: int) -> tuple[int, int]:
     """Make a landing zone, and lower the distances around it; return how many cells came within reach, and its area."""
     count = mark_landing(canvas, zone, canvas.spare)
-    _, gained = spread(canvas.distance.reshape(-1), canvas.spare, count, canvas.city.shape[1], reach, reach)
+    if reach == 0:
+        return 0, count
+    _, gained = spread(canvas.distance.reshape(-1), canvas.spare, count, canvas.city.shape[1], reach)
     return gained, count
 
 
@@ -127,7 +135,10 @@ def _land(canvas: Canvas, zone: Window, reach: int) -> tuple[int, int]:
 def _draw_zones(
     cursor: NDArray[np.uint64], canvas: Canvas, parameters: NDArray[np.float64], zones: int, reach: int
 ) -> tuple[int, int]:
-    """Draw the other landing zones; return how many cells came within reach, and how many are landing cells."""
+    """Draw the other landing zones; return how many cells came within reach, and how many are landing cells.
+
+    Distances are lowered up to ``reach`` moves around them. If that is 0, no distance matters any more.
+    """
     within = landing = 0
     most = (canvas.city.shape[0] - 2) * (canvas.city.shape[1] - 2) // _MOST_LANDING
     for _ in range(zones):
@@ -146,7 +157,6 @@ def _come_nearer(
     canvas: Canvas,
     parameters: NDArray[np.float64],
     reach: int,
-    visited: int,
     flyable: int,
     within: int,
 ) -> int:
@@ -156,8 +166,8 @@ def _come_nearer(
     other zones. A search goes no farther than the reach, so that the work is about proportional to the number of cells.
     """
     landing = 0
-    for k in range(visited - 1, -1, -1):
-        if 20 * within >= 19 * flyable:
+    for k in range(flyable - 1, -1, -1):
+        if not _too_far(within, flyable):
             break
         cell = canvas.queue[k]
         if canvas.distance.reshape(-1)[cell] > reach:
@@ -188,15 +198,16 @@ def _on_the_way(canvas: Canvas, cell: int, reach: int) -> int:
 
 
 @kernel
-def _widen(canvas: Canvas, visited: int, missing: int) -> None:
-    """Make landing cells of the free cells that are nearest to the first landing zone, as many as are missing."""
+def _widen(canvas: Canvas, flyable: int, missing: int) -> int:
+    """Make landing cells of the free cells that are nearest to the first landing zone; return how many are still missing."""
     city, queue = canvas.city.reshape(-1), canvas.queue
-    for k in range(visited):
+    for k in range(flyable):
         if missing <= 0:
             break
         if city[queue[k]] == FREE:
             city[queue[k]] = LANDING
             missing -= 1
+    return missing
 
 
 @kernel

@@ -10,7 +10,7 @@ from uavbench.world.kernel import kernel
 #: Instead of a distance: not reached yet, and cells that cannot be entered.
 FAR, BLOCKED = 2**30, -1
 _CROSSED = -2  # blocked, and visited by the search through walls
-_EDGE = -3  # behind the end of the map
+_POCKET = -3  # in a pocket that is being joined
 _SMALLEST_POCKET = 4  # cells; smaller ones are closed
 
 
@@ -28,10 +28,51 @@ def prepare(canvas: Canvas) -> int:
 
 
 @kernel
-def spread(
-    distance: NDArray[np.int32], queue: NDArray[np.int32], sources: int, wide: int, limit: int, reach: int
-) -> tuple[int, int]:
-    """Lower the distances of all cells around the first cells of a queue, up to ``limit`` moves away.
+def search_all(distance: NDArray[np.int32], queue: NDArray[np.int32], sources: int, wide: int) -> int:
+    """Measure the distances from the first cells of a queue to all cells; return how many cells can be reached.
+
+    They are the first cells of the queue then, nearest first. The arguments are those of `spread`, which does more.
+    """
+    for k in range(sources):
+        distance[queue[k]] = 0
+    head, tail = 0, sources
+    while head < tail:
+        cell = queue[np.uint64(head)]
+        head += 1
+        moves = distance[np.uint64(cell)] + 1
+        tail = _meet(distance, queue, tail, cell - wide, moves)
+        tail = _meet(distance, queue, tail, cell + 1, moves)
+        tail = _meet(distance, queue, tail, cell + wide, moves)
+        tail = _meet(distance, queue, tail, cell - 1, moves)
+    return tail
+
+
+@kernel
+def _meet(distance: NDArray[np.int32], queue: NDArray[np.int32], tail: int, cell: int, moves: int) -> int:
+    """Add a cell to the queue if it was not reached; without a branch, which would be slower."""
+    before = distance[np.uint64(cell)]
+    new = before == FAR
+    queue[np.uint64(tail)] = cell
+    distance[np.uint64(cell)] = moves if new else before
+    return tail + new
+
+
+@kernel
+def within_reach(distance: NDArray[np.int32], queue: NDArray[np.int32], visited: int, reach: int) -> int:
+    """Return how many of the cells in a queue, nearest first, are at most ``reach`` moves away."""
+    low, high = 0, visited
+    while low < high:
+        middle = (low + high) // 2
+        if distance[queue[middle]] <= reach:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def spread(distance: NDArray[np.int32], queue: NDArray[np.int32], sources: int, wide: int, reach: int) -> tuple[int, int]:
+    """Lower the distances of all cells around the first cells of a queue, up to ``reach`` moves away.
 
     Parameters
     ----------
@@ -43,8 +84,8 @@ def spread(
         How many cells it begins at.
     wide : int
         The columns of the canvas.
-    limit, reach : int
-        See above, and below.
+    reach : int
+        How far it goes.
 
     Returns
     -------
@@ -55,92 +96,101 @@ def spread(
     """
     gained = 0
     for k in range(sources):
-        gained += distance[queue[k]] > reach
+        gained += int(distance[queue[k]] > reach)
         distance[queue[k]] = 0
     head, tail = 0, sources
     while head < tail:
         cell = queue[np.uint64(head)]
         head += 1
         moves = distance[np.uint64(cell)] + 1
-        if moves > limit:
+        if moves > reach:
             break
-        before = tail
-        close = moves <= reach
-        tail, gained = _visit(distance, queue, tail, gained, cell - wide, moves, close, reach)
-        tail, gained = _visit(distance, queue, tail, gained, cell + 1, moves, close, reach)
-        tail, gained = _visit(distance, queue, tail, gained, cell + wide, moves, close, reach)
-        tail, gained = _visit(distance, queue, tail, gained, cell - 1, moves, close, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell - wide, moves, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell + 1, moves, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell + wide, moves, reach)
+        tail, gained = _visit(distance, queue, tail, gained, cell - 1, moves, reach)
     return tail, gained
 
 
 @kernel
 def _visit(
-    distance: NDArray[np.int32],
-    queue: NDArray[np.int32],
-    tail: int,
-    gained: int,
-    cell: int,
-    moves: int,
-    close: bool,
-    reach: int,
+    distance: NDArray[np.int32], queue: NDArray[np.int32], tail: int, gained: int, cell: int, moves: int, reach: int
 ) -> tuple[int, int]:
     """Add a cell to the queue if it is nearer than it was known to be; without a branch, which would be slower."""
     before = distance[np.uint64(cell)]
     nearer = before > moves
     queue[np.uint64(tail)] = cell
     distance[np.uint64(cell)] = moves if nearer else before
-    return tail + nearer, gained + (close & (before > reach))
+    return tail + nearer, gained + (before > reach)
 
 
 @kernel
-def join_pockets(canvas: Canvas, visited: int, flyable: int) -> None:
+def join_pockets(canvas: Canvas, visited: int) -> bool:
     """Make one region of all cells that can be flown over, after a search from a landing cell has reached some of them.
 
-    The search goes on through buildings and no-fly zones. Where it comes to a pocket that was not reached, it opens the way
-    on which it came, or closes the pocket with buildings if it is tiny. Each cell is visited once.
+    A pocket that was not reached is closed with buildings if it is tiny. From a larger one, a search through buildings and
+    no-fly zones finds the shortest way to cells that were reached, and opens it.
 
     Parameters
     ----------
     canvas : Canvas
-        The city, the distances after `spread`, and its queue.
+        The city, the distances after the search, and its queue.
     visited : int
         Cells in the queue.
-    flyable : int
-        Cells that can be flown over, whether or not they were reached.
+
+    Returns
+    -------
+    opened : bool
+        Whether any way was opened, so that distances have changed.
+    """
+    city, distance, queue = canvas.city.reshape(-1), canvas.distance.reshape(-1), canvas.queue
+    wide = canvas.city.shape[1]
+    opened = False
+    for start in range(len(distance)):
+        if distance[start] != FAR:
+            continue
+        tail = _flood(distance, queue, visited, start, wide)
+        if tail - visited < _SMALLEST_POCKET:
+            for k in range(visited, tail):
+                city[queue[k]], distance[queue[k]] = BUILDING, BLOCKED
+        else:
+            tail = _leave(canvas, visited, tail)
+            for k in range(visited, tail):
+                distance[queue[k]] = BLOCKED if distance[queue[k]] == _CROSSED else 0
+            opened = True
+    return opened
+
+
+@kernel
+def _leave(canvas: Canvas, head: int, tail: int) -> int:
+    """Search from a pocket, which is the end of the queue, through what is blocked, and open a way to cells that were reached.
+
+    Other pockets on the way are joined, too. Returns the queue's new length.
     """
     city, distance, queue, came = canvas.city.reshape(-1), canvas.distance.reshape(-1), canvas.queue, canvas.spare
-    wide, left = canvas.city.shape[1], flyable - visited
-    for cell in range(len(city)):
-        if city[cell] == OUTSIDE:
-            distance[cell] = _EDGE
-    head, tail = 0, visited
-    while head < tail and left > 0:
+    wide = canvas.city.shape[1]
+    while head < tail:
         cell = queue[head]
         head += 1
         for step in (-wide, 1, wide, -1):
             near = cell + step
-            if distance[near] == BLOCKED:
+            if distance[near] == BLOCKED and city[near] != OUTSIDE:
                 distance[near], came[near], queue[tail] = _CROSSED, cell, near
                 tail += 1
-            elif distance[near] == FAR:
-                pocket = tail
-                came[near] = cell
-                tail = _flood(distance, queue, came, tail, near, wide)
-                left -= tail - pocket
-                if tail - pocket < _SMALLEST_POCKET:
-                    for k in range(pocket, tail):
-                        city[queue[k]], distance[queue[k]] = BUILDING, _CROSSED
-                else:
-                    _open(city, distance, came, cell)
+            elif distance[near] >= 0:
+                other = distance[near] == FAR
+                _open(city, distance, came, cell)
+                if not other:
+                    return tail
+                tail = _flood(distance, queue, tail, near, wide)
+    return tail
 
 
 @kernel
-def _flood(
-    distance: NDArray[np.int32], queue: NDArray[np.int32], came: NDArray[np.int32], tail: int, start: int, wide: int
-) -> int:
+def _flood(distance: NDArray[np.int32], queue: NDArray[np.int32], tail: int, start: int, wide: int) -> int:
     """Add the pocket around ``start`` to the queue; return the queue's new length."""
     head = tail
-    distance[start], queue[tail] = 0, start
+    distance[start], queue[tail] = _POCKET, start
     tail += 1
     while head < tail:
         cell = queue[head]
@@ -148,16 +198,16 @@ def _flood(
         for step in (-wide, 1, wide, -1):
             near = cell + step
             if distance[near] == FAR:
-                distance[near], came[near], queue[tail] = 0, cell, near
+                distance[near], queue[tail] = _POCKET, near
                 tail += 1
     return tail
 
 
 @kernel
 def _open(city: NDArray[np.uint8], distance: NDArray[np.int32], came: NDArray[np.int32], cell: int) -> None:
-    """Clear the blocked cells on the way from ``cell`` back to a cell that was reached before."""
+    """Clear the blocked cells on the way from ``cell`` back to the pocket from which the search came."""
     while distance[cell] == _CROSSED:
-        city[cell], distance[cell] = FREE, 0
+        city[cell], distance[cell] = FREE, _POCKET
         cell = came[cell]
 
 
@@ -175,7 +225,7 @@ def open_buildings(canvas: Canvas, wanted: int, limit: int) -> int:
         if city[cell] == LANDING:
             queue[sources] = cell
             sources += 1
-    tail, _ = spread(distance, queue, sources, canvas.city.shape[1], limit, 0)
+    tail, _ = spread(distance, queue, sources, canvas.city.shape[1], limit)
     for k in range(sources, tail):
         if wanted <= 0:
             break
