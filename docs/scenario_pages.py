@@ -54,6 +54,7 @@ def write(path, text):
 def page(scenario):
     """Return the page of a scenario."""
     mission, rewards, sizes = scenario.mission, scenario.rewards, scenario.observation
+    what = "Cities" if scenario.cities else "The map"
     parameters = {
         "movement budget": "{}–{}".format(*scenario.budget),
         "UAVs": "{}–{}".format(*scenario.uavs) if scenario.uavs else "1",
@@ -73,7 +74,7 @@ def page(scenario):
             "",
             f"{scenario.title}. [The rules](../rules.md) are those of all scenarios.",
             "",
-            f"```{{image}} {scenario.id}.png\n:alt: {'Cities' if scenario.cities else 'The map'} of {scenario.id}\n:width: 420px\n```",
+            f"```{{image}} {scenario.id}.png\n:alt: {what} of {scenario.id}\n:width: 420px\n```",
             "",
             "| parameter | value |",
             "| --- | --- |",

@@ -11,7 +11,9 @@ from record import digest
 
 from uavbench import list_scenarios, load_scenario
 from uavbench.envs.env import UAVEnv
-from uavbench.simulation.freeze import FROZEN_SPLITS, draw
+from uavbench.simulation.freeze import FROZEN_SPLITS, draw, draw_frozen_cities
+from uavbench.world.cells import CHARACTERS
+from uavbench.world.cities import cells_of_cities, city_keys
 from uavbench.world.episode import episode_keys, frozen_columns, split_size
 from uavbench.world.files import pack_arrays
 from uavbench.world.keyed import AGENT, stream
@@ -19,6 +21,12 @@ from uavbench.world.keyed import AGENT, stream
 SCENARIOS = {
     "Block8-CPP-v0": "43c301d74b011aec2cded9f226f0b5cfa92ba0ef5cc3b59dd37ddb892b0011b0",
     "Block8-DH-v0": "767f5aa4ad9e748439b66b0420142d6097125b7941a5a5e3a73b93cb1add9a00",
+    "Cities32-CPP-Team-v0": "ec1faef0220c51eb5c790fa83b48c09b1f424e18aae641e003173b1dbd9bb71d",
+    "Cities32-CPP-v0": "eb7e121b62ca59dc02fae88c4d94c583e6ad7f7acd43b3dcca38fb6f1f3c9798",
+    "Cities32-DH-Team-v0": "c2f6d47d13b8c650df91dd0ab02319881885c86851258bb898ffae18068b00d1",
+    "Cities32-DH-v0": "62edbf7a4bfca8a676f10d57a73ef05f74d5ca91e0d036b88a4dbb73c653a725",
+    "Cities50-CPP-v0": "47ebdb042bf6ce95b6e516c6e3deb948265996d7e2033e98da6b5d0b75ae1b70",
+    "Cities50-DH-v0": "922eecc5c3e1bf3ff308c7a339c76d1cc2a1fcc56e9f5bd1dd814264b2c4b3a1",
     "Manhattan32-CPP-Long-v0": "88f9f80731d63673c82423fd52a9ed375602ec1add3f5a7e7050575f55a741d2",
     "Manhattan32-CPP-Team-v0": "1669474bfe99a073746b0dff03980b53afad7865f12f77b7511326b2564cbeaf",
     "Manhattan32-CPP-v0": "73d313b96251bb3b3c44f438d3124d6304cdba363cbe98673d5a26b1efc51867",
@@ -36,6 +44,12 @@ SCENARIOS = {
 TRANSITIONS = {
     "Block8-CPP-v0": "77815db79e3e671c8c08a2446ca5b3b9988ff9a4afdbdb7bfadb199a83a64512",
     "Block8-DH-v0": "ea0d39b155cdef01a913f74ca4ba8792f59d8b5f02d33bdd058326b8c6f3f392",
+    "Cities32-CPP-Team-v0": "69019d4bad9866ccdadcb52b4fe7957bf10a94dc3b3d223fb13ee0ccf7439399",
+    "Cities32-CPP-v0": "ec7bd4fe22f1056965e4c7b7f4b0f3b8882afa5dce4a89963ffc0a219a2e4d47",
+    "Cities32-DH-Team-v0": "167a71508c328ff52a70d34b914480f57946819b22a2d0f6e65c20b4e28e3d3a",
+    "Cities32-DH-v0": "eef0b729d9797761185713aba8ef838a61c789d1c1ea616f73b9da1273b5cbb3",
+    "Cities50-CPP-v0": "7adda95aef8fe230171f33356484b14d01c2a667e81c18bacf9e992dd78c6697",
+    "Cities50-DH-v0": "bb7617d56f9fe8f59a3c005fb5d658403ba3c1c9fbb00bf8a842bd13aa813c20",
     "Manhattan32-CPP-Long-v0": "4ea1fa3447ec4c5451f82f6caafe9e31384c912b585f3fc1113604f379ec0609",
     "Manhattan32-CPP-Team-v0": "b6c3106fb60352ec6970f8691f277430df8164bc10f67456e5d7affe7e785a24",
     "Manhattan32-CPP-v0": "f14cd1f03c839a74e20d9984d8b134806bd49fc35b209a955842e6f2d3b90504",
@@ -91,21 +105,38 @@ def test_the_frozen_episodes_are_what_their_keys_draw(name, split):
     assert len(drawn["key"]) == split_size(scenario, split) == {"test": 1000, "validation": 200}[split]
 
 
+@pytest.mark.parametrize("name", [name for name in SCENARIOS if load_scenario(name).cities])
+def test_the_frozen_cities_are_what_their_keys_draw(name):
+    scenario = load_scenario(name)
+    assert scenario.cities.frozen is not None
+    for split, drawn in draw_frozen_cities(scenario).items():
+        keys = city_keys(scenario, episode_keys(split, np.arange(len(drawn))))
+        assert np.array_equal(cells_of_cities(scenario, keys), drawn)
+        assert len({cells.tobytes() for cells in drawn}) == len(drawn) == {"validation": 40, "test": 200}[split]
+    assert scenario.cities.reach <= scenario.budget[1] // 2
+
+
+def maps_of(scenario):
+    """Return the map of each test episode, shape (episodes, M, N), as characters."""
+    keys = city_keys(scenario, episode_keys("test", np.arange(split_size(scenario, "test"))))
+    return np.array(list(CHARACTERS))[cells_of_cities(scenario, keys)]
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_frozen_episodes_keep_the_rules(name):
     scenario = load_scenario(name)
-    rows = np.array([list(row) for row in scenario.rows])
+    rows, every = maps_of(scenario), np.arange(1000)
     columns = draw(scenario, "test")
     low, high = scenario.budget
     assert columns["budget"].min() == low
     assert columns["budget"].max() == high
     start = columns["start"].reshape(1000, -1, 2)
     assert start.shape[1] == scenario.max_uavs
-    assert (rows[start[..., 0], start[..., 1]] == "L").all()
+    assert (rows[every[:, None], start[..., 0], start[..., 1]] == "L").all()
     assert all(len({tuple(cell) for cell in cells}) == len(cells) for cells in start.tolist())
     if scenario.mission.kind == "coverage":
-        targets = np.unpackbits(columns["targets"], axis=1, count=rows.size).astype(bool)
-        assert not targets[:, (rows == "#").ravel()].any()
+        targets = np.unpackbits(columns["targets"], axis=1, count=rows[0].size).astype(bool)
+        assert not (targets & np.isin(rows, ["#", "b"]).reshape(1000, -1)).any()
         assert targets.any(axis=1).all()
         assert targets.mean(axis=1).max() <= scenario.mission.target_fraction[1]
         return
@@ -113,7 +144,7 @@ def test_the_frozen_episodes_keep_the_rules(name):
     assert set(np.unique(count)) == set(range(scenario.mission.devices[0], scenario.mission.devices[1] + 1))
     for k in range(cell.shape[1]):
         there = count > k
-        assert np.isin(rows[cell[there, k, 0], cell[there, k, 1]], [".", "N"]).all()
+        assert np.isin(rows[every[there], cell[there, k, 0], cell[there, k, 1]], [".", "N"]).all()
         assert ((data[there, k] >= 5) & (data[there, k] < 20)).all()
     for row, n in zip(cell, count, strict=True):
         assert len({tuple(c) for c in row[:n].tolist()}) == n
