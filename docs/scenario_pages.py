@@ -59,6 +59,7 @@ def page(scenario):
         **{f"`{name}`": f"`{value}`" for name, value in mission.model_dump(mode="json", exclude_none=True).items()},
         "cells": f"{np.prod(scenario.shape):,}: {landing} landing, {no_fly - building} no-fly only, {building} building",
         "validation and test episodes": f"{scenario.splits.validation.episodes}, {scenario.splits.test.episodes}",
+        **({"map data": scenario.provenance.licence} if scenario.provenance else {}),
         "digest": f"`{scenario.digest[:16]}…`",
     }
     return "\n".join(
@@ -92,7 +93,7 @@ def page(scenario):
 def history(scenario):
     """Return a line for each version of an id up to this one."""
     name, _, version = scenario.id.rpartition("-v")
-    own = "" if scenario.team is False and "Block8" not in name else "; the map or the team is this suite's own"
+    own = "" if not scenario.team and "Block8" not in name and scenario.provenance is None else "; the map or the team is this suite's own"
     lines = [f"- **v0**: {FIRST}{own}."]
     for k in range(1, int(version) + 1):
         if f"{name}-v{k}" not in HISTORY:

@@ -96,7 +96,7 @@ def _summary(made: "ImportedCity", default_height: float, out: Path) -> str:
     zones = ", ".join(f"{height}×{width} at row {row}, column {col}" for row, col, height, width in made.landing)
     lines = [
         f"{scenario.id}: {scenario.shape[0]}×{scenario.shape[1]} cells of {origin.cell_size:g} m around "
-        f"{origin.centre[0]:g}, {origin.centre[1]:g}",
+        f"{origin.centre[0]:.5f}, {origin.centre[1]:.5f}",
         f"buildings      {sum(counts.values()):,} of {made.in_file:,} in the file are on the map; height given: "
         f"{counts.get('height', 0):,}, from levels: {counts.get('levels', 0):,}, "
         f"default of {default_height:g} m: {counts.get('default', 0):,}",

@@ -265,7 +265,7 @@ def _empty(source: Path, extract: Extract, centre: tuple[float, float]) -> str:
     """Return the message that no building is on the map."""
     west, south, east, north = extract.extent or (0.0, 0.0, 0.0, 0.0)
     return (
-        f"{one_line(source)}: no building is on the map around {centre[0]:g}, {centre[1]:g}: the file's {extract.count:,} are "
+        f"{one_line(source)}: no building is on the map around {centre[0]:.5f}, {centre[1]:.5f}: the file's {extract.count:,} are "
         f"at latitudes {south:.4f} to {north:.4f} and longitudes {west:.4f} to {east:.4f}"
     )
 
