@@ -105,7 +105,7 @@ def _ring(points: Any) -> Ring:
 def _point(point: Any) -> tuple[float, float]:
     """Return longitude and latitude of a point."""
     match _list(point):
-        case [int() | float() as lon, int() | float() as lat, *_]:
+        case [int() | float() as lon, int() | float() as lat, *_] if not isinstance(lon, bool) and not isinstance(lat, bool):
             if abs(lon) <= 180 and abs(lat) <= 90 and not math.isnan(lon) and not math.isnan(lat):
                 return float(lon), float(lat)
             raise GeodataError(f"the point {one_line(point)} is out of range: GeoJSON has degrees, longitude first")
