@@ -93,7 +93,11 @@ def page(scenario):
 def history(scenario):
     """Return a line for each version of an id up to this one."""
     name, _, version = scenario.id.rpartition("-v")
-    own = "" if not scenario.team and "Block8" not in name and scenario.provenance is None else "; the map or the team is this suite's own"
+    own = (
+        ""
+        if not scenario.team and "Block8" not in name and scenario.provenance is None
+        else "; the map or the team is this suite's own"
+    )
     lines = [f"- **v0**: {FIRST}{own}."]
     for k in range(1, int(version) + 1):
         if f"{name}-v{k}" not in HISTORY:

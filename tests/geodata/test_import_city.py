@@ -10,16 +10,18 @@ from commands import uavbench_command
 from places import CENTRE, extract, feature, geojson, osm, ring, way
 
 import uavbench
+from uavbench.geodata import CityOptions, GeodataError, import_city
+from uavbench.geodata.projection import Projection
 
 for library in ("osmium", "shapely", "pyproj"):
     pytest.importorskip(library, reason="importing cities needs pip install 'uavbench[cities]'")
 
-from uavbench.geodata import CityOptions, GeodataError, import_city
-from uavbench.geodata.projection import Projection
-
 AT = ("--centre", "{},{}".format(*CENTRE))
 #: A building of 40 m × 20 m, south-west of the centre, of four levels; and a taller one in the north-east.
-TOWN = feature([ring(-40, -20, 40, 20)], building="yes", **{"building:levels": "4"}), feature([ring(10, 30, 20, 20)], height="30")
+TOWN = (
+    feature([ring(-40, -20, 40, 20)], building="yes", **{"building:levels": "4"}),
+    feature([ring(10, 30, 20, 20)], height="30"),
+)
 
 
 @pytest.fixture
@@ -48,11 +50,6 @@ def test_buildings_become_the_cells_that_they_cover(town, bring, tmp_path):
     code, text = bring(town, *AT, "--shape", "10x12")
     assert code == 0, text
     drawn = rows(tmp_path / "my_town.toml")
-    assert [row.replace("L", ".") for row in drawn] == [
-        "............",
-        "............" if drawn[1].count("#") == 0 else ".......##...",
-        *drawn[2:],
-    ][:2] + [row.replace("L", ".") for row in drawn[2:]]
     grid = np.array([list(row) for row in drawn])
     # The map's edges are 50 m north and 60 m west of the centre: rows 0 to 1 are 30 to 50 m north of it.
     assert np.argwhere(grid == "#").tolist() == [[0, 7], [0, 8], [1, 7], [1, 8]]
@@ -99,7 +96,7 @@ def test_it_flies(town, bring, tmp_path):
 @pytest.mark.parametrize("shape", ["4x4", "50x50", "5x30"])
 @pytest.mark.parametrize("mission", ["cpp", "dh"])
 def test_parameters_fit_maps_of_all_sizes(town, bring, tmp_path, shape, mission):
-    code, text = bring(town, "--centre", "60.0003,24.9995", "--shape", shape, "--mission", mission)
+    code, text = bring(town, *AT, "--shape", shape, "--mission", mission)
     if shape == "4x4" and mission == "dh":
         assert (code, "mission.devices" in text) == (2, True)
         return
@@ -110,7 +107,10 @@ def test_parameters_fit_maps_of_all_sizes(town, bring, tmp_path, shape, mission)
         assert scenario.observation == uavbench.load_scenario("Urban50-CPP-v0").observation
 
 
-@pytest.mark.parametrize(("out", "name"), [("Big-City-DH-v3.toml", "Big-City-DH-v3"), ("old town 2.toml", "OldTown2-CPP-v0"), ("é.toml", "City-CPP-v0")])
+@pytest.mark.parametrize(
+    ("out", "name"),
+    [("Big-City-DH-v3.toml", "Big-City-DH-v3"), ("old town 2.toml", "OldTown2-CPP-v0"), ("é.toml", "City-CPP-v0")],
+)
 def test_the_id_follows_from_the_name_of_the_file(town, bring, tmp_path, out, name):
     assert bring(town, *AT, out=out)[0] == 0
     assert uavbench.load_scenario(tmp_path / out).id == name
@@ -183,7 +183,10 @@ def test_nothing_is_replaced_without_force(town, bring, tmp_path):
         (("--centre", "60,190"), "is no place"),
         (("--centre", "-88,25"), "is too near to a pole"),
         (("--centre", "60,180"), "crosses the antimeridian"),
-        (("--centre", "61,26"), "no building is on the map around 61.00000, 26.00000: the file's 2 are at latitudes 59.9998 to"),
+        (
+            ("--centre", "61,26"),
+            "no building is on the map around 61.00000, 26.00000: the file's 2 are at latitudes 59.9998 to",
+        ),
         (("--cell", "0"), "cell: 0 m: expected 0.1 to 1000 m"),
         (("--cell", "nan"), "cell: nan m"),
         (("--altitude", "-5"), "altitude: -5 m: expected"),
@@ -269,5 +272,16 @@ def test_far_and_huge_polygons_do_no_harm(tmp_path, town):
 
 def test_the_help_names_every_option():
     text = re.sub(r"\s+", " ", uavbench_command("import", "--help").output)
-    for option in ("--cell", "--altitude", "--shape", "--centre", "--out", "--no-fly", "--landing", "--mission", "--force", "--id"):
+    for option in (
+        "--cell",
+        "--altitude",
+        "--shape",
+        "--centre",
+        "--out",
+        "--no-fly",
+        "--landing",
+        "--mission",
+        "--force",
+        "--id",
+    ):
         assert option in text

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-shapely = pytest.importorskip("shapely", reason="importing cities needs pip install 'uavbench[cities]'")
+from uavbench.geodata.rasterise import Grid, cells, coverage
+from uavbench.world.cells import rows_of
 
-from uavbench.geodata.rasterise import Grid, cells, coverage  # noqa: E402
-from uavbench.world.cells import rows_of  # noqa: E402
+shapely = pytest.importorskip("shapely", reason="importing cities needs pip install 'uavbench[cities]'")
 
 DENSE = 24  # points along each side of a cell
 
@@ -51,7 +51,10 @@ def test_the_coverage_is_that_of_many_points(seed, grid):
 def rectangle(grid, top, left, bottom, right):
     """Return a rectangle whose sides are given in cells, which may be parts of cells."""
     return shapely.box(
-        grid.west + left * grid.cell, grid.north - bottom * grid.cell, grid.west + right * grid.cell, grid.north - top * grid.cell
+        grid.west + left * grid.cell,
+        grid.north - bottom * grid.cell,
+        grid.west + right * grid.cell,
+        grid.north - top * grid.cell,
     )
 
 

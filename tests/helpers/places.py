@@ -20,7 +20,7 @@ def extract(name):
 
 
 def ring(west, south, width, height):
-    """Return a rectangle as GeoJSON has it, from metres east and north of CENTRE; near the centre it is true to a millimetre."""
+    """Return a rectangle as GeoJSON has it, from metres east and north of CENTRE, to a millimetre."""
     lat, lon = CENTRE
     # The radii of curvature of the WGS 84 ellipsoid at this latitude.
     sin = math.sin(math.radians(lat))

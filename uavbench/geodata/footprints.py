@@ -13,6 +13,7 @@ Box = tuple[float, float, float, float]
 Ring = Sequence[tuple[float, float]]
 
 _MOST = 1_000_000  # footprints in memory
+_WIDEST = 180.0  # degrees; what seems to be wider crosses the antimeridian
 _POLYGON = 3  # shapely's number of this type of geometry
 _NO_BUILDING = ("no", "false", "0", "none")
 _AERODROMES = ("aerodrome", "airstrip", "heliport", "helipad", "runway")
@@ -61,7 +62,7 @@ class Extract:
     count : int
         How many buildings the file has, near or not.
     skipped : int
-        How many footprints could not be used: they have missing points, or no area.
+        How many footprints could not be used: they have missing points or no area, or cross the antimeridian.
     extent : (float, float, float, float), optional
         West, south, east and north of all buildings.
     """
@@ -82,7 +83,7 @@ class Extract:
             When there are too many.
         """
         valid = None if shape is None else polygonal(shape)
-        if valid is None:
+        if valid is None or valid.bounds[2] - valid.bounds[0] >= _WIDEST:
             self.skipped += 1
             return
         west, south, east, north = box = valid.bounds
@@ -110,14 +111,11 @@ def polygon(rings: Sequence[Ring]) -> Geometry | None:
 
 
 def polygonal(shape: Geometry) -> Geometry | None:
-    """Return what has an area of a geometry, repaired if it is not valid; None if nothing has, or it spans half the world."""
+    """Return what has an area of a geometry, repaired if it is not valid; None if nothing has."""
     shapely = library("shapely")
     if not shape.is_valid:
         shape = shapely.make_valid(shape)
     if shape.geom_type not in ("Polygon", "MultiPolygon"):
         parts = shapely.get_parts(shapely.get_parts([shape]))
         shape = shapely.union_all(parts[shapely.get_type_id(parts) == _POLYGON])
-    if shape.is_empty or not shape.area > 0:
-        return None
-    west, _, east, _ = shape.bounds
-    return shape if east - west < 180 else None
+    return shape if shape.area > 0 else None

@@ -84,7 +84,9 @@ def _polygons(geometry: Any, depth: int) -> Iterator[list[Ring]]:
     """Yield the rings of each polygon in a geometry; points and lines have none."""
     if geometry is None:
         return
-    if not isinstance(geometry, dict) or depth > _DEEPEST:
+    if depth > _DEEPEST:
+        raise GeodataError(f"is not GeoJSON that can be read: more than {_DEEPEST} collections are nested")
+    if not isinstance(geometry, dict):
         raise GeodataError(f"is not GeoJSON: {one_line(geometry, repr)[:60]} is no geometry")
     each = cast("dict[str, Any]", geometry)
     kind = each.get("type")

@@ -148,6 +148,8 @@ def import_city(
     source, out, options = Path(source), Path(out), options or CityOptions()
     check_out(out, overwrite)
     _check(options)
+    for name in ("shapely", "pyproj"):  # now, rather than after reading a large file
+        library(name)
     extract, stated = _read(source, options)
     if not extract.count:
         raise GeodataError(f"{one_line(source)}: has no buildings: no area has the tag building")
@@ -265,8 +267,8 @@ def _empty(source: Path, extract: Extract, centre: tuple[float, float]) -> str:
     """Return the message that no building is on the map."""
     west, south, east, north = extract.extent or (0.0, 0.0, 0.0, 0.0)
     return (
-        f"{one_line(source)}: no building is on the map around {centre[0]:.5f}, {centre[1]:.5f}: the file's {extract.count:,} are "
-        f"at latitudes {south:.4f} to {north:.4f} and longitudes {west:.4f} to {east:.4f}"
+        f"{one_line(source)}: no building is on the map around {centre[0]:.5f}, {centre[1]:.5f}: the file's "
+        f"{extract.count:,} are at latitudes {south:.4f} to {north:.4f} and longitudes {west:.4f} to {east:.4f}"
     )
 
 
@@ -276,5 +278,3 @@ def _sha256(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
         raise FileError(f"{one_line(path)}: cannot be read: {error.strerror}") from None
-
-

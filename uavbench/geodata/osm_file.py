@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.errors import one_line
-from uavbench.geodata.footprints import Extract, Kind, kind_of, polygon
+from uavbench.geodata.footprints import Extract, kind_of, polygon
 from uavbench.geodata.libraries import GeodataError, Geometry, library
 from uavbench.world.files import check_plain
 
@@ -34,22 +34,21 @@ def read_osm(path: Path, form: str, extract: Extract) -> None:
     """
     osmium = library("osmium")
     check_plain(path, MOST_BYTES[form])
-    relations: dict[int, Kind] = {}
+    relations: set[int] = set()
     assembled: set[int] = set()  # osmium assembles a relation before or after it passes on the relation itself
     try:
         file = osmium.io.File(str(path.absolute()), form)
         objects = osmium.FileProcessor(file).with_areas(osmium.filter.KeyFilter(*_KEYS))
         for each in objects.with_filter(osmium.filter.KeyFilter(*_KEYS)):
             _add(each, extract, relations, assembled)
-    except RuntimeError as error:
-        raise GeodataError(f"{one_line(path)}: cannot be read as a file of OpenStreetMap: {one_line(error)}") from None
     except GeodataError as error:
         raise GeodataError(f"{one_line(path)}: {error}") from None
-    for kind in [kind for number, kind in relations.items() if number not in assembled]:
-        extract.add(None, kind, {})
+    except (RuntimeError, ValueError, osmium.InvalidLocationError) as error:
+        raise GeodataError(f"{one_line(path)}: cannot be read as a file of OpenStreetMap: {one_line(error)}") from None
+    extract.skipped += len(relations - assembled)
 
 
-def _add(each: Any, extract: Extract, relations: dict[int, Kind], assembled: set[int]) -> None:
+def _add(each: Any, extract: Extract, relations: set[int], assembled: set[int]) -> None:
     """Add an object of a file if it is a building or a no-fly zone."""
     area = each.is_area()
     if not area and not each.is_way() and not each.is_relation():
@@ -66,7 +65,7 @@ def _add(each: Any, extract: Extract, relations: dict[int, Kind], assembled: set
         if each.is_closed() and tags.get("area") != "no":
             extract.add(_closed(each), kind, tags)
     elif tags.get("type") in ("multipolygon", "boundary"):
-        relations[each.id] = kind
+        relations.add(each.id)
 
 
 def _closed(way: Any) -> Geometry | None:
