@@ -66,6 +66,7 @@ def page(scenario):
         **{f"`{name}`": f"`{value}`" for name, value in mission.model_dump(mode="json", exclude_none=True).items()},
         **source(scenario),
         "validation and test episodes": f"{scenario.splits.validation.episodes}, {scenario.splits.test.episodes}",
+        **({"map data": scenario.provenance.licence} if scenario.provenance else {}),
         "digest": f"`{scenario.digest[:16]}…`",
     }
     return "\n".join(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from uavbench.cli import leaderboard, learning, pictures
+from uavbench.cli import cities, leaderboard, learning, pictures
 from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, fail, flown, number
 from uavbench.cli.speed import speed
 from uavbench.evaluation.interrupt import terminating_interrupts
@@ -350,6 +350,11 @@ def freeze(
     typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")
 
 
+app.command(
+    "import",
+    epilog="\b\nExamples:\n  uavbench import buildings.osm.pbf --out my_city.toml\n"
+    "  uavbench import buildings.geojson --cell 5 --altitude 15 --shape 64x64 --centre 60.17,24.94 --out my_city.toml",
+)(cities.import_city)
 app.command(
     epilog="\b\nExamples:\n  uavbench speed\n  uavbench speed --scenario Manhattan32-CPP-v0 --rounds 30 --json speed.json"
 )(speed)
