@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ def densest(buildings: Sequence[Footprint], height: float, width: float) -> tupl
     offsets = np.indices((_BINS, _BINS)).reshape(2, -1).T
     windows = (bins[:, None] - offsets).reshape(-1, 2)  # each bin is in the windows that begin up to three bins before it
     first, which = np.unique(windows, axis=0, return_inverse=True)
-    total: NDArray[np.float64] = np.bincount(which.ravel(), weights=np.repeat(area, len(offsets)))
+    total: NDArray[Any] = np.bincount(which.ravel(), weights=np.repeat(area, len(offsets)))
     row, col = first[int((total / total.max()).round(9).argmax())].tolist()
     centre = float(lat.min()) + (row + _BINS / 2) * step[0], float(lon.min()) + (col + _BINS / 2) * step[1]
     return round(centre[0], _DIGITS), round(centre[1], _DIGITS)
