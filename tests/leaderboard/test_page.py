@@ -8,8 +8,13 @@ from pathlib import Path
 import pytest
 from browsing import watch
 
+from uavbench import load_scenario
+from uavbench.agents.agent import find_agent
+from uavbench.evaluation.evaluate import Job
+from uavbench.evaluation.run import run
 from uavbench.leaderboard.board import build, submission_folders
 from uavbench.leaderboard.submission import load_submission
+from uavbench.leaderboard.submit import submit
 
 OFFICIAL = Path(__file__).parent.parent.parent / "leaderboard" / "submissions"
 
@@ -148,6 +153,17 @@ def test_every_flight_ends_as_in_the_submission(board, opened, results):
             assert len(found) == 1000
             assert [cr for cr, _ in found] == pytest.approx(table["cr"].tolist(), abs=1e-6)
             assert [landed for _, landed in found] == table["landed"].astype(bool).tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["Cities32-CPP-v0", "Cities32-DH-Team-v0"])
+def test_every_flight_in_many_cities_ends_as_in_the_submission(opened, tmp_path, scenario):
+    result = run(Job(find_agent("random"), load_scenario(scenario), "test"), 1000, tmp_path / "results")
+    submit([result], tmp_path / "submissions", name="random", authors=["A. Author"], hardware="a machine")
+    build(tmp_path / "submissions")
+    found = opened(tmp_path / "index.html").evaluate(f"Viewer.replayAll('random', '{scenario}')")
+    assert [cr for cr, _ in found] == pytest.approx(result.episodes()["cr"].tolist()[: len(found)], abs=1e-6)
+    assert len(found) == 1000
 
 
 @pytest.mark.slow

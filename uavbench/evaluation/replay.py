@@ -1,14 +1,15 @@
 """Checking results by simulating the recorded actions again, and comparing two results on the same episodes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.evaluation.evaluate import NO_ACTION, EpisodeRecord
 from uavbench.evaluation.metrics import METRICS, ROUNDING, Comparison, compare, tolerance
-from uavbench.evaluation.results import COLUMNS, Result, ResultError, metrics_of, numbered
+from uavbench.evaluation.results import COLUMNS, Result, ResultError, metrics_of, numbered, spread_of
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.cities import city_numbers
 from uavbench.world.city import HOVER, NUM_ACTIONS
@@ -97,11 +98,22 @@ def fly_all_recorded(result: Result, scenario_file: str | None = None) -> tuple[
     if summary["decisions"] != counted:
         wrong.append(f"summary.json: decisions is {counted}, the file says {summary['decisions']}")
     for name, interval in metrics_of(flown, scenario, split).items():
-        for part, value in asdict(interval).items():
-            said = getattr(result.metrics[name], part)
-            if not abs(value - said) <= ROUNDING:
-                wrong.append(f"summary.json: metrics.{name}.{part} is {value:g}, the file says {said}")
+        said = asdict(result.metrics[name])
+        wrong += [f"summary.json: metrics.{name}.{line}" for line in _differences(asdict(interval), said)]
+    spread = spread_of(flown, scenario, split)
+    if spread is not None:
+        found = _differences(asdict(spread), summary.get("cral_over_cities") or {})
+        wrong += [f"summary.json: cral_over_cities.{line}" for line in found]
     return flown, wrong
+
+
+def _differences(values: Mapping[str, float], said: Mapping[str, Any]) -> list[str]:
+    """Return a line for each value that is not what a file says."""
+    return [
+        f"{name} is {value:g}, the file says {said.get(name)}"
+        for name, value in values.items()
+        if not isinstance(said.get(name), int | float) or not abs(value - said[name]) <= ROUNDING
+    ]
 
 
 def flown_in(result: Result, scenario_file: str | None = None) -> tuple[Scenario, SplitName]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError, one_line
-from uavbench.evaluation.cities import spread_over_cities
+from uavbench.evaluation.cities import Spread, spread_over_cities
 from uavbench.evaluation.evaluate import EpisodeRecord, Job
 from uavbench.evaluation.metrics import CONFIDENCE, METRICS, ROUNDING, Interval, summarise
 from uavbench.world.cities import city_numbers
@@ -242,6 +242,10 @@ def checked_result(folder: Path, summary: dict[str, Any]) -> Result:
     for interval in result.metrics.values():
         if not all(isinstance(value, float | int) for value in asdict(interval).values()):
             raise TypeError("metrics")
+    if "cral_over_cities" in summary:
+        spread = asdict(Spread(**summary["cral_over_cities"]))
+        if not all(isinstance(value, float | int) for value in spread.values()):
+            raise TypeError("cral_over_cities")
     kinds = {str: ("agent", "agent_sha256", "scenario", "scenario_digest", "split", "track"), int: ("episodes", "decisions")}
     for kind, names in {**kinds, float: ("decisions_per_second",)}.items():
         for name in names:
@@ -259,6 +263,12 @@ def metrics_of(records: Sequence[EpisodeRecord], scenario: Scenario, split: Spli
     """Return Landed, CR and CRAL over records of episodes, with their intervals; episodes in one city count as dependent."""
     landed, cr, cral = (np.array([getattr(record, name) for record in records]) for name in METRICS)
     return summarise(landed, cr, cral, clusters=_cities(records, scenario, split))
+
+
+def spread_of(records: Sequence[EpisodeRecord], scenario: Scenario, split: SplitName) -> Spread | None:
+    """Return how CRAL differs between the cities of episodes; None if the scenario has one map."""
+    cities = _cities(records, scenario, split)
+    return None if cities is None else spread_over_cities(np.array([record.cral for record in records]), cities)
 
 
 def _cities(records: Sequence[EpisodeRecord], scenario: Scenario, split: SplitName) -> NDArray[np.int64] | None:
@@ -298,14 +308,13 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
     OSError
         When they cannot be written; the folder is then unchanged.
     """
-    decisions, cral = sum(record.steps for record in records), np.array([record.cral for record in records])
+    decisions, spread = sum(record.steps for record in records), spread_of(records, job.scenario, job.split)
     shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
-    cities = _cities(records, job.scenario, job.split)
     summary: dict[str, Any] = {
         **identity(job, len(records)),
         **({"scenario_file": str(job.scenario.path)} if job.scenario.path.suffix and not shipped else {}),
         "metrics": {name: asdict(each) for name, each in metrics_of(records, job.scenario, job.split).items()},
-        **({} if cities is None else {"cral_over_cities": asdict(spread_over_cities(cral, cities))}),
+        **({"cral_over_cities": asdict(spread)} if spread else {}),
         "confidence": CONFIDENCE,
         "decisions": decisions,
         "decisions_per_second": decisions / max(sum(record.seconds for record in records), 1e-9),

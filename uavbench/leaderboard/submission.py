@@ -72,6 +72,16 @@ class Scores(Record):
     high: _Number
 
 
+class CityScores(Record):
+    """How CRAL differs between cities: see `uavbench.evaluation.cities.Spread`."""
+
+    cities: _Count
+    mean: _Number
+    deviation: _Number
+    lowest: _Number
+    highest: _Number
+
+
 class Summary(Record):
     """What ``uavbench evaluate`` wrote in ``summary.json``, of a scenario that comes with the suite."""
 
@@ -85,6 +95,7 @@ class Summary(Record):
     split: _Line
     episodes: _Count
     metrics: dict[Literal["landed", "cr", "cral"], Scores]
+    cral_over_cities: CityScores | None = None
     confidence: Annotated[float, Field(strict=True, ge=CONFIDENCE, le=CONFIDENCE)]
     decisions: _Count
     decisions_per_second: Annotated[float, Field(strict=True, ge=1e-3, le=1e9)]
