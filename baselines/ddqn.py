@@ -19,6 +19,7 @@ from torch.nn.functional import huber_loss, mse_loss
 
 from uavbench.agents.torch_state import pack, tensors, unpack, unpack_network
 from uavbench.agents.weights import weights_for, weights_path
+from uavbench.simulation.city_maps import enter_cities, no_cities
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
 from uavbench.simulation.state import index_targets, new_state
@@ -178,6 +179,7 @@ class Replay:
         shape, exact = (self.length, num_envs), scenario.mission.kind == "coverage"
         self.arrays = {
             "target": np.zeros((*shape, *scenario.shape), dtype=np.bool_ if exact else np.float16),
+            "key": np.zeros(shape, dtype=np.uint64),  # which gives the city
             "position": np.zeros((*shape, 2), dtype=np.int16),
             "budget": np.zeros(shape, dtype=np.int16),
             "action": np.zeros(shape, dtype=np.int64),
@@ -192,6 +194,7 @@ class Replay:
         at = self.written % self.length
         self.arrays["target"][at] = state.target
         self.arrays["layers"][at] = state.layers
+        self.arrays["key"][at] = state.key
         self.arrays["position"][at] = state.position[:, 0]
         self.arrays["budget"][at] = state.budget[:, 0]
 
@@ -219,8 +222,9 @@ class Replay:
         """Return the observations of states, time first, as one batch."""
         count = picked["budget"].size
         if count not in self._scratch:
-            self._scratch[count] = new_state(self._scenario, count, 1)
-        state = self._scratch[count]
+            self._scratch[count] = new_state(self._scenario, count, 1), no_cities(count)
+        state, held = self._scratch[count]
+        enter_cities(self._scenario, state.maps, held, np.arange(count), picked["key"].reshape(-1))
         state.target[:] = picked["target"].reshape(state.target.shape)
         index_targets(state)
         state.layers[:] = picked["layers"].reshape(state.layers.shape)

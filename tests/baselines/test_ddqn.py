@@ -15,6 +15,7 @@ from uavbench.evaluation.metrics import compare
 from uavbench.learning.train import train
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
+from uavbench.world.city_source import Cities
 from uavbench.world.resources import shipped_weights
 
 
@@ -97,7 +98,16 @@ def test_double_q_takes_the_online_networks_action_and_the_target_networks_value
     assert (seen["bootstraps"] == 1.0).all()  # the target network's value of action 1, not its own best
 
 
-@pytest.mark.parametrize("scenario", [CPP, DH, worlds.scenario(CPP.rows, worlds.SURVEILLANCE)], ids=["CPP", "DH", "layer"])
+CITIES = {"generator": "mixed-v0", "shape": (12, 10), "validation": 2, "test": 2}
+REMEMBERED = {
+    "CPP": CPP,
+    "DH": DH,
+    "layer": worlds.scenario(CPP.rows, worlds.SURVEILLANCE),
+    "cities": worlds.scenario((), cities=Cities.model_validate(CITIES), budget=(5, 9)),
+}
+
+
+@pytest.mark.parametrize("scenario", REMEMBERED.values(), ids=REMEMBERED)
 def test_memory_gives_back_what_was_observed(scenario):
     number, length = 4, 16
     simulator, observer = Simulator(scenario, number), Observer(scenario)

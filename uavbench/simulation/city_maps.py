@@ -12,12 +12,15 @@ from numpy.typing import NDArray
 
 from uavbench.simulation.pooling import count_targets, new_counts
 from uavbench.world.cells import BUILDING, LANDING, NO_FLY
+from uavbench.world.cities import cells_of_cities, city_keys
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.scenario import Scenario
 
 #: The static layers, in their order.
 STATIC_LAYERS = ("landing", "no_fly", "building")
+_NO_CITY = np.uint64(2**64 - 1)
+_CELLS_AT_ONCE = 2**25  # cells of cities that are drawn together
 _LEAST_MARGIN = 3  # the largest camera sees three cells beyond its UAV
 
 
@@ -91,6 +94,31 @@ def _only_map(city: City, margin: int, scale: int) -> tuple[NDArray[np.bool_], N
     write_maps(np.zeros(1, dtype=np.int64), city.cells[None], layers, blocks)
     layers.flags.writeable = blocks.flags.writeable = False
     return layers, blocks
+
+
+def no_cities(num_envs: int) -> NDArray[np.uint64]:
+    """Return what `enter_cities` takes as ``held`` at first, when no slot holds a map."""
+    return np.full(num_envs, _NO_CITY)
+
+
+def enter_cities(
+    scenario: Scenario, maps: CityMaps, held: NDArray[np.uint64], index: NDArray[np.int64], keys: NDArray[np.uint64]
+) -> None:
+    """Write the maps of the cities of the episodes ``keys`` into the slots ``index``, where they are not there already.
+
+    ``held``, shape (B,), has the key of the city whose map each slot holds, and is changed. If the scenario has one map,
+    nothing is done.
+    """
+    if scenario.cities is None:
+        return
+    cities = city_keys(scenario, keys)
+    new = np.flatnonzero(cities != held[index])
+    rows, cols = scenario.shape
+    most = max(1, _CELLS_AT_ONCE // (rows * cols))
+    for first in range(0, len(new), most):
+        part = new[first : first + most]
+        write_maps(index[part], cells_of_cities(scenario, cities[part]), maps.layers, maps.blocks)
+        held[index[part]] = cities[part]
 
 
 @kernel

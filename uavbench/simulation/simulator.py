@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uavbench.simulation.city_maps import margin_of, write_maps
+from uavbench.simulation.city_maps import enter_cities, margin_of, no_cities
 from uavbench.simulation.missions import Mission
 from uavbench.simulation.moves import move, move_apart, write_masks, write_safe_masks, wrong_action
 from uavbench.simulation.options import is_anywhere, read_budget, read_noise, read_start, read_uavs
@@ -20,7 +20,7 @@ from uavbench.simulation.outcomes import outcome_of, outcomes_of
 from uavbench.simulation.slots import SimulatorState, put, take
 from uavbench.simulation.starts import draw_starts, scatter_starts
 from uavbench.simulation.state import State, new_state
-from uavbench.world.cities import cells_of_cities, city_at, city_keys
+from uavbench.world.cities import city_at, city_keys
 from uavbench.world.city import NUM_ACTIONS, City, city_of
 from uavbench.world.episode import Columns, check_number, episode_keys, frozen_columns
 from uavbench.world.resources import scenario_paths
@@ -28,8 +28,6 @@ from uavbench.world.scenario import SPLITS, Scenario, ScenarioError, SplitName
 
 _CUSTOM = len(SPLITS)  # the code of an episode set by hand; the code of any other is the index of its split in SPLITS
 _NAMES: tuple[str, ...] = (*SPLITS, "custom")
-_NO_CITY = np.uint64(2**64 - 1)
-_CELLS_AT_ONCE = 2**25  # cells of cities that are drawn together
 _REDRAWN = 8  # frozen episodes that are drawn again, to check that they belong to the scenario as it is now
 
 
@@ -70,7 +68,7 @@ class Simulator:
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
         self._fitting: set[str] = set()  # splits whose frozen episodes have been checked against the scenario
         self._only_city = city_of(scenario) if scenario.cities is None else None
-        self._city_keys = np.full(num_envs, _NO_CITY)  # of the cities whose maps the slots hold
+        self._city_keys = no_cities(num_envs)  # of the cities whose maps the slots hold
         self._last_cities: dict[int, tuple[np.uint64, City]] = {}  # by slot: the last one that was asked for, and its key
         self._homes: NDArray[np.int32] | None = None  # the distances to landing in each slot's city, once they are needed
         self._homes_keys = self._city_keys.copy()
@@ -366,17 +364,7 @@ class Simulator:
 
     def _enter_cities(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
         """Write the maps of the cities of the episodes ``keys`` into the slots ``index``, where they are not there already."""
-        if self._only_city is not None:
-            return
-        cities = city_keys(self.scenario, keys)
-        new = np.flatnonzero(cities != self._city_keys[index])
-        rows, cols = self.scenario.shape
-        most = max(1, _CELLS_AT_ONCE // (rows * cols))
-        for first in range(0, len(new), most):
-            part = new[first : first + most]
-            maps = self.state.maps
-            write_maps(index[part], cells_of_cities(self.scenario, cities[part]), maps.layers, maps.blocks)
-            self._city_keys[index[part]] = cities[part]
+        enter_cities(self.scenario, self.state.maps, self._city_keys, index, keys)
 
     def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
         """Return the episode just started in slot ``i`` as columns, changed as ``options`` say."""
