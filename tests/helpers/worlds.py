@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from uavbench import Scenario
+from uavbench.world.cells import rows_of
 
 COVERAGE = {"kind": "coverage", "camera_size": 5, "shapes": (1, 3), "target_fraction": (0.1, 0.9)}
 HARVESTING = {
@@ -44,6 +45,12 @@ def scenario(rows, mission=COVERAGE, **changes):
         "path": "test.toml",
     }
     return Scenario(**{**values, **changes})
+
+
+def in_city(world, city):
+    """Return a scenario with one of its cities as the only map: its episodes in this city are the same."""
+    same = {name: getattr(world, name) for name in Scenario.model_fields}
+    return Scenario.model_validate({**same, "cities": None, "rows": rows_of(city.cells)})
 
 
 @st.composite

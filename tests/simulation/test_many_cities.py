@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from worlds import COVERAGE, HARVESTING, SIZES, SURVEILLANCE, maps, scenario
+from worlds import COVERAGE, HARVESTING, SIZES, SURVEILLANCE, in_city, maps, scenario
 
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
@@ -14,7 +14,7 @@ from uavbench.world.cells import rows_of
 from uavbench.world.cities import city_count, city_key, city_keys, city_numbers
 from uavbench.world.city_source import Cities, SplitMaps
 from uavbench.world.episode import episode_keys, fresh_keys
-from uavbench.world.scenario import SPLITS, Scenario
+from uavbench.world.scenario import SPLITS
 
 SOURCE = {"generator": "mixed-v0", "shape": (17, 14), "validation": 3, "test": 7}
 MISSIONS = {"CPP": COVERAGE, "DH": HARVESTING}
@@ -23,12 +23,6 @@ MISSIONS = {"CPP": COVERAGE, "DH": HARVESTING}
 def many(mission=COVERAGE, source=SOURCE, **changes):
     """Return a scenario with many cities."""
     return scenario((), mission, cities=Cities.model_validate(source), **changes)
-
-
-def one(world, city):
-    """Return the scenario with one of its cities as the only map."""
-    same = {name: getattr(world, name) for name in Scenario.model_fields}
-    return Scenario.model_validate({**same, "cities": None, "rows": rows_of(city.cells)})
 
 
 def begun(world, keys):
@@ -62,7 +56,7 @@ def test_each_episode_is_that_of_its_citys_map(mission, keys, sizes, team, seed)
     world = many(MISSIONS[mission], observation=observation, uavs=(1, 3) if team else None)
     keys = np.array(keys, dtype=np.uint64)
     batch = begun(world, keys)
-    alone = [one(world, batch.city_at(i)) for i in range(len(keys))]
+    alone = [in_city(world, batch.city_at(i)) for i in range(len(keys))]
     singles = [begun(each, keys[i : i + 1]) for i, each in enumerate(alone)]
     actions = np.random.default_rng(seed).integers(0, 6, (30, len(keys), *((3,) if team else ())))
     for t in range(30):

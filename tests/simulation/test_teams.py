@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from oracle import team
-from worlds import COVERAGE, HARVESTING, SIZES, draw_devices, draw_starts, draw_targets, maps, scenario
+from worlds import COVERAGE, HARVESTING, SIZES, draw_devices, draw_starts, draw_targets, in_city, maps, scenario
 
 import uavbench
 from uavbench.envs.env import UAVEnv
@@ -121,7 +121,8 @@ def test_shipped_scenarios_agree_with_the_oracle(name):
         targets = state.target[0].copy()
         if not coverage:
             targets = [[*c, d] for c, d in zip(view["device_cell"].tolist(), view["device_data"].tolist(), strict=True)]
-        oracles = team(env.scenario, state.position[0, :uavs].tolist(), state.budget[0, :uavs], targets, state.key[0])
+        there = in_city(env.scenario, env.simulator.city_at(0))
+        oracles = team(there, state.position[0, :uavs].tolist(), state.budget[0, :uavs], targets, state.key[0])
         check_flight(env, oracles, *first, generator.integers(0, 5, (30, 3)).tolist(), coverage)
 
 
