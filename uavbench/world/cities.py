@@ -89,7 +89,7 @@ def cells_of_cities(scenario: Scenario, keys: NDArray[np.uint64]) -> NDArray[np.
     if scenario.cities is None:
         return np.broadcast_to(cells_of(scenario.rows), (len(keys), *scenario.shape))
     splits = (keys >> np.uint64(62)).astype(np.int64)
-    if not len(keys) or (splits[0] == 0 and scenario.cities.maps is None and not splits.any()):
+    if scenario.cities.maps is None and not splits.any():
         return draw_city_cells(scenario.cities, keys)  # the usual case in a training
     cells = np.empty((len(keys), *scenario.shape), dtype=np.uint8)
     for place in np.unique(splits).tolist():
