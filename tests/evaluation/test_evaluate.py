@@ -229,7 +229,7 @@ def test_greedy_beats_random_by_a_wide_margin_and_always_lands():
         greedy = list(evaluate(job("greedy", scenario), range(40)))
         chance = list(evaluate(job("random", scenario), range(40)))
         assert all(record.landed for record in greedy)
-        assert np.mean([r.landed for r in chance]) > 0.6
+        assert np.mean([r.landed for r in chance]) > 0.5
         assert np.mean([r.cral for r in greedy]) > np.mean([r.cral for r in chance]) + 0.5
 
 
