@@ -10,7 +10,15 @@ from pathlib import Path
 
 import pytest
 
-TESTS = ("test_pooling", "test_rows", "test_observation", "test_simulator", "test_teams", "test_many_cities", "missions/test_channel")
+TESTS = (
+    "test_pooling",
+    "test_rows",
+    "test_observation",
+    "test_simulator",
+    "test_teams",
+    "test_many_cities",
+    "missions/test_channel",
+)
 
 
 @pytest.mark.slow
