@@ -1,6 +1,7 @@
 """Shared by all tests."""
 
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -17,6 +18,16 @@ settings.register_profile(
 )
 settings.load_profile("uavbench")
 os.environ["SDL_VIDEODRIVER"] = "dummy"  # windows open nowhere
+
+
+@pytest.fixture(autouse=True)
+def signals_stay():
+    """Handle signals after each test as before it: a command that is interrupted leaves a process that should end."""
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for each, handler in before.items():
+        if signal.getsignal(each) is not handler:
+            signal.signal(each, handler)
 
 
 @pytest.fixture(scope="session")

@@ -87,6 +87,22 @@ def test_an_interrupted_run_keeps_what_was_finished_and_goes_on_to_the_same_resu
 
 
 @posix
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_another_interrupt_while_the_process_ends_changes_nothing(tmp_path, sent):
+    """A terminal or a batch system may send its signal again; it can arrive as late as in Python's own shutdown."""
+    code = (
+        "import atexit, os, signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "import uavbench.cli.app, uavbench\n"
+        "def interrupted(): raise KeyboardInterrupt\n"
+        "uavbench.list_scenarios = interrupted\n"
+        f"atexit.register(lambda: os.kill(os.getpid(), {int(sent)}))\n"
+        "uavbench.cli.app.app(['list'])\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], stderr=subprocess.PIPE, text=True, timeout=60)
+    assert (ended.returncode, ended.stderr) == (1, "uavbench: interrupted\n")
+
+
+@posix
 def test_an_early_interrupt_says_so(tmp_path):
     """While the workers start, or before: there is nothing to keep yet."""
     agent, _ = slow_agent(tmp_path)

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 import typer.core
 
+from uavbench.evaluation.interrupt import ignore_interrupts
+
 if TYPE_CHECKING:
     from uavbench.evaluation.results import Result
 
@@ -20,6 +22,7 @@ class Commands(typer.core.TyperGroup):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as error:
+            ignore_interrupts()
             error.args = error.args or ("interrupted",)
             raise fail(error, 1) from None
 

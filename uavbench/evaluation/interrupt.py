@@ -40,9 +40,20 @@ def interrupt_waits() -> Generator[list[bool]]:
         yield interrupted
 
 
+def ignore_interrupts() -> None:
+    """Ignore Ctrl-C and SIGTERM from here on: for a process that was interrupted and ends now, as it has told its user.
+
+    A second signal could otherwise kill the process while Python shuts down, so that its exit status would be another one.
+    Outside the main thread nothing changes.
+    """
+    if threading.current_thread() is threading.main_thread():
+        for each in _SIGNALS:
+            signal.signal(each, signal.SIG_IGN)
+
+
 @contextlib.contextmanager
 def _handling(signals: tuple[signal.Signals, ...], handler: Any) -> Generator[None]:
-    """Handle signals by ``handler`` in the block, if this is the main thread."""
+    """Handle signals by ``handler`` in the block, if this is the main thread; what the block itself sets stays."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -51,4 +62,5 @@ def _handling(signals: tuple[signal.Signals, ...], handler: Any) -> Generator[No
         yield
     finally:
         for each, old in before.items():
-            signal.signal(each, old)
+            if signal.getsignal(each) is handler:
+                signal.signal(each, old)
