@@ -19,7 +19,7 @@ from torch.nn.functional import huber_loss, mse_loss
 
 from uavbench.agents.torch_state import pack, tensors, unpack, unpack_network
 from uavbench.agents.weights import weights_for, weights_path
-from uavbench.simulation.city_maps import enter_cities, no_cities
+from uavbench.simulation.city_maps import CityWriter
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
 from uavbench.simulation.state import index_targets, new_state
@@ -222,9 +222,10 @@ class Replay:
         """Return the observations of states, time first, as one batch."""
         count = picked["budget"].size
         if count not in self._scratch:
-            self._scratch[count] = new_state(self._scenario, count, 1), no_cities(count)
-        state, held = self._scratch[count]
-        enter_cities(self._scenario, state.maps, held, np.arange(count), picked["key"].reshape(-1))
+            state = new_state(self._scenario, count, 1)
+            self._scratch[count] = state, CityWriter(self._scenario, state.maps)
+        state, cities = self._scratch[count]
+        cities.enter(np.arange(count), picked["key"].reshape(-1))
         state.target[:] = picked["target"].reshape(state.target.shape)
         index_targets(state)
         state.layers[:] = picked["layers"].reshape(state.layers.shape)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavbench.simulation.rows import copy_block, divide_block, fill_range, widen_block
+from uavbench.simulation.rows import copy_block, divide_block, fill_range, split_block
 
 ROWS = 3
 
@@ -30,9 +30,18 @@ def test_writes_the_block_and_nothing_else(size, kind):
         assert np.array_equal(found, block_of(rows, before, step, size))
         divide_block(numbers, *places, found, 2 * before, step, (ROWS, size), ninth)
         assert np.array_equal(found, block_of(rows / ninth, before, step, size))
-        found = block_of(np.full((ROWS, size), -1), before, size, size)
-        widen_block(numbers.astype(np.uint8), *places, found, 2 * before, ROWS, size)
-        assert np.array_equal(found, block_of(rows.astype(np.uint8), before, size, size))
+
+
+@pytest.mark.parametrize("size", range(0, 70, 3))
+def test_splits_bytes_into_their_lowest_bits_and_writes_nothing_else(size):
+    generator = np.random.default_rng(size)
+    for before in range(9):
+        numbers, wide = generator.integers(0, 256, before + ROWS * (size + 2)).astype(np.uint8), size + 2
+        rows = np.array([numbers[before + row * wide :][:size] for row in range(ROWS)])
+        found = np.full(2 * before + 3 * ROWS * size + 1, -1, dtype=np.float32)
+        split_block(numbers, before, wide, found, 2 * before, ROWS, size)
+        split = np.concatenate([(rows.reshape(-1) >> bit) & 1 for bit in range(3)])
+        assert np.array_equal(found, [-1.0] * 2 * before + split.tolist() + [-1.0])
 
 
 @pytest.mark.parametrize("size", range(20))

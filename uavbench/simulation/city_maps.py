@@ -1,7 +1,7 @@
 """The maps of the cities in which the slots of a batch fly, in the form that the kernels of a step read.
 
 If a scenario has one city, all slots share one map. If it has many, each slot has a map of its own, which is written when an
-episode starts in another city. Each value takes one byte (two bytes where a block of the observation has more than 255 cells).
+episode starts in another city. A cell takes one byte, which has a bit for each static layer.
 """
 
 from functools import lru_cache
@@ -10,15 +10,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.simulation.pooling import count_targets, new_counts
+from uavbench.simulation.pooling import new_counts, sum_blocks
+from uavbench.simulation.rows import BITS
 from uavbench.world.cells import BUILDING, LANDING, NO_FLY
-from uavbench.world.cities import cells_of_cities, city_keys
+from uavbench.world.cities import cells_of_cities, city_counts, city_key_of, drawer_of
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.scenario import Scenario
 
-#: The static layers, in their order.
-STATIC_LAYERS = ("landing", "no_fly", "building")
+#: The bits of the static layers in the byte of a cell, in the order of the layers in the observation.
+LANDING_BIT, NO_FLY_BIT, BUILDING_BIT = (1 << bit for bit in range(BITS))
+_OUTSIDE = NO_FLY_BIT | BUILDING_BIT  # what the observation is padded with
+_PLACE = 21  # bits for the count of one layer where three counts are in one number of 64 bits
 _NO_CITY = np.uint64(2**64 - 1)
 _CELLS_AT_ONCE = 2**25  # cells of cities that are drawn together
 _LEAST_MARGIN = 3  # the largest camera sees three cells beyond its UAV
@@ -31,15 +34,16 @@ class CityMaps(NamedTuple):
     ----------
     city : ndarray of int64, shape (B,)
         Which of the C maps each slot has.
-    layers : ndarray of bool, shape (C, 3, M + 2p, N + 2p)
-        The layers landing, no_fly and building, with a margin of p cells on each side, where no_fly and building are 1.
-    blocks : ndarray of uint8, uint16 or uint32, shape (C, 3, g, H, g, W)
-        The numbers of cells in the blocks of the global map where a layer is 1, as in `uavbench.simulation.pooling`; cells off
-        the map count as in the margin.
+    ground : ndarray of uint8, shape (C, M + 2p, N + 2p)
+        The cells, with a margin of p cells on each side. A cell has the bits `LANDING_BIT`, `NO_FLY_BIT` and `BUILDING_BIT`
+        where those layers are 1; the margin has the last two.
+    blocks : ndarray of uint8, uint16 or uint32, shape (C, g, g, 3, H, W)
+        ``blocks[m, p, q, k, y, x]`` is the number of cells where layer k is 1 in the block of rows y · g − p to
+        y · g − p + g − 1 and columns x · g − q to x · g − q + g − 1. Cells off the map count as in the margin.
     """
 
     city: NDArray[np.int64]
-    layers: NDArray[np.bool_]
+    ground: NDArray[np.uint8]
     blocks: NDArray[Any]
 
 
@@ -50,7 +54,7 @@ def margin_of(scenario: Scenario) -> int:
 
 def margin_within(maps: CityMaps, rows: int) -> int:
     """Return the width p of the margin of maps that have ``rows`` rows without it."""
-    return (maps.layers.shape[2] - rows) // 2
+    return (maps.ground.shape[1] - rows) // 2
 
 
 def fits(maps: CityMaps, scenario: Scenario) -> bool:
@@ -64,7 +68,7 @@ def fits(maps: CityMaps, scenario: Scenario) -> bool:
         When they cannot, and the scenario has many cities.
     """
     sizes = scenario.observation
-    wide, same = margin_within(maps, scenario.shape[0]) >= sizes.local_size // 2, maps.blocks.shape[2] == sizes.global_scale
+    wide, same = margin_within(maps, scenario.shape[0]) >= sizes.local_size // 2, maps.blocks.shape[1] == sizes.global_scale
     if not (wide and same) and scenario.cities is not None:
         raise ValueError("observation: a state in many cities is observed only with the sizes of its simulator's scenario")
     return wide and same
@@ -78,85 +82,140 @@ def new_maps(scenario: Scenario, num_envs: int) -> CityMaps:
     return CityMaps(np.arange(num_envs), *_room(num_envs, scenario.shape, margin, scale))
 
 
-def _room(number: int, shape: tuple[int, int], margin: int, scale: int) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Return the layers and blocks of ``number`` maps, to be written."""
+def _room(number: int, shape: tuple[int, int], margin: int, scale: int) -> tuple[NDArray[np.uint8], NDArray[Any]]:
+    """Return the ground and the blocks of ``number`` maps, to be written."""
     rows, cols = (side + 2 * margin for side in shape)
-    layers = np.ones((number, len(STATIC_LAYERS), rows, cols), dtype=np.bool_)
-    layers[:, 0] = False
-    counts = new_counts(number * len(STATIC_LAYERS), shape, scale)
-    return layers, counts.reshape(number, len(STATIC_LAYERS), *counts.shape[1:])
+    counts = new_counts(0, shape, scale)
+    _, _, high, _, wide = counts.shape
+    blocks = np.zeros((number, scale, scale, BITS, high, wide), dtype=counts.dtype)
+    return np.full((number, rows, cols), _OUTSIDE, dtype=np.uint8), blocks
 
 
 @lru_cache(maxsize=32)
-def _only_map(city: City, margin: int, scale: int) -> tuple[NDArray[np.bool_], NDArray[Any]]:
-    """Return the layers and blocks of one city, read-only; all simulators of the city share them."""
-    layers, blocks = _room(1, city.shape, margin, scale)
-    write_maps(np.zeros(1, dtype=np.int64), city.cells[None], layers, blocks)
-    layers.flags.writeable = blocks.flags.writeable = False
-    return layers, blocks
+def _only_map(city: City, margin: int, scale: int) -> tuple[NDArray[np.uint8], NDArray[Any]]:
+    """Return the ground and the blocks of one city, read-only; all simulators of the city share them."""
+    ground, blocks = _room(1, city.shape, margin, scale)
+    write_maps(np.zeros(1, dtype=np.int64), city.cells[None], ground, blocks)
+    ground.flags.writeable = blocks.flags.writeable = False
+    return ground, blocks
 
 
-def no_cities(num_envs: int) -> NDArray[np.uint64]:
-    """Return what `enter_cities` takes as ``held`` at first, when no slot holds a map."""
-    return np.full(num_envs, _NO_CITY)
+class CityWriter:
+    """Writes the maps of the cities of episodes into the slots where they start.
 
+    Parameters
+    ----------
+    scenario : Scenario
+        It names the source of the cities.
+    maps : CityMaps
+        The maps of all slots, which are changed.
 
-def enter_cities(
-    scenario: Scenario, maps: CityMaps, held: NDArray[np.uint64], index: NDArray[np.int64], keys: NDArray[np.uint64]
-) -> None:
-    """Write the maps of the cities of the episodes ``keys`` into the slots ``index``, where they are not there already.
-
-    ``held``, shape (B,), has the key of the city whose map each slot holds, and is changed. If the scenario has one map,
-    nothing is done.
+    Attributes
+    ----------
+    keys : ndarray of uint64, shape (B,)
+        The key of the city whose map each slot holds; 2⁶⁴ − 1 before its first episode, and always if there is one map.
     """
-    if scenario.cities is None:
-        return
-    cities = city_keys(scenario, keys)
-    new = np.flatnonzero(cities != held[index])
-    rows, cols = scenario.shape
-    most = max(1, _CELLS_AT_ONCE // (rows * cols))
-    for first in range(0, len(new), most):
-        part = new[first : first + most]
-        write_maps(index[part], cells_of_cities(scenario, cities[part]), maps.layers, maps.blocks)
-        held[index[part]] = cities[part]
+
+    def __init__(self, scenario: Scenario, maps: CityMaps) -> None:
+        self.keys = np.full(len(maps.city), _NO_CITY)
+        self._scenario, self._maps = scenario, maps
+        source = scenario.cities
+        self._counts = city_counts(source) if source is not None else None
+        self._drawer = drawer_of(source) if source is not None and source.generator is not None else None
+        self._slots = np.empty(len(maps.city), dtype=np.int64)
+        self._new = np.empty(len(maps.city), dtype=np.uint64)
+        self._most = max(1, _CELLS_AT_ONCE // (scenario.shape[0] * scenario.shape[1]))
+
+    def enter(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
+        """Write the maps of the cities of the episodes ``keys`` into the slots ``index``, where they are not there already."""
+        if self._counts is None:
+            return
+        number, trained = _list_new(index, keys, self._counts, self.keys, self._slots, self._new)
+        for first in range(0, number, self._most):
+            part = slice(first, min(number, first + self._most))
+            slots, new = self._slots[part], self._new[part]
+            write_maps(slots, self._cells(new, trained), self._maps.ground, self._maps.blocks)
+            self.keys[slots] = new  # only now, because to draw or to read the cities may fail
+
+    def _cells(self, cities: NDArray[np.uint64], trained: bool) -> NDArray[np.uint8]:
+        """Return the maps of cities as codes of cells; ``trained`` says whether all of them belong to the train split."""
+        if self._drawer is None or not trained:
+            return cells_of_cities(self._scenario, cities)
+        cells = np.empty((len(cities), *self._scenario.shape), dtype=np.uint8)
+        self._drawer.draw(cities, cells)
+        return cells
 
 
 @kernel
-def write_maps(index: NDArray[np.int64], cells: NDArray[np.uint8], layers: NDArray[np.bool_], blocks: NDArray[Any]) -> None:
+def _list_new(
+    index: NDArray[np.int64],
+    keys: NDArray[np.uint64],
+    counts: NDArray[np.uint64],
+    held: NDArray[np.uint64],
+    slots: NDArray[np.int64],
+    new: NDArray[np.uint64],
+) -> tuple[int, bool]:
+    """List the slots that do not hold the cities of the episodes ``keys`` yet, and the keys of these cities.
+
+    Returns how many slots they are, and whether all of these cities belong to the train split.
+    """
+    number, trained = 0, True
+    for n in range(len(index)):
+        city = city_key_of(keys[n], counts)
+        if city != held[index[n]]:
+            slots[number], new[number] = index[n], city
+            number += 1
+            trained = trained and city >> np.uint64(62) == 0
+    return number, trained
+
+
+@kernel
+def write_maps(index: NDArray[np.int64], cells: NDArray[np.uint8], ground: NDArray[np.uint8], blocks: NDArray[Any]) -> None:
     """Write the maps ``index`` from codes of cells, shape (K, M, N)."""
     rows, cols = cells.shape[1:]
-    margin, area = (layers.shape[2] - rows) // 2, blocks.shape[2] ** 2
-    ones = np.empty((rows, cols), dtype=np.bool_)
+    margin, (scale, _, _, high, wide) = (ground.shape[1] - rows) // 2, blocks.shape[1:]
+    marks = np.empty((rows, cols), dtype=np.uint64)  # the layers side by side, so that all of them are counted at once
+    column, block = np.empty((wide + 1) * scale, dtype=np.uint64), np.empty(wide * scale, dtype=np.uint64)
     for n in range(len(index)):
         m = index[n]
-        for k in range(layers.shape[1]):
-            for r in range(rows):
-                inner, row, kinds = layers[m, k, margin + r, margin : margin + cols], ones[r], cells[n, r]
-                for c in range(cols):
-                    kind = kinds[c]
-                    if k == 0:
-                        value = kind == LANDING
-                    elif k == 1:
-                        value = (kind == NO_FLY) | (kind == BUILDING)
-                    else:
-                        value = kind >= BUILDING
-                    inner[c] = value
-                    row[c] = value ^ (k > 0)  # counted are the zeros of a layer with a margin of ones
-            count_targets(ones, blocks[m, k])
-            if k > 0:
-                flat = blocks[m, k].reshape(-1)
-                for b in range(len(flat)):
-                    flat[b] = area - flat[b]
+        for r in range(rows):
+            inner, kinds, row = ground[m, margin + r, margin : margin + cols], cells[n, r], marks[r]
+            for c in range(cols):
+                kind = kinds[c]  # without a table or a branch, so that the loop is vectorised
+                lands, hides = np.uint8(kind == LANDING), np.uint8(kind >= BUILDING)
+                closed = np.uint8(kind == NO_FLY) | np.uint8(kind == BUILDING)
+                inner[c] = lands * LANDING_BIT + closed * NO_FLY_BIT + hides * BUILDING_BIT
+                # Counted are the cells that differ from the margin.
+                row[c] = np.uint64(lands) | np.uint64(1 - closed) << _PLACE | np.uint64(1 - hides) << 2 * _PLACE
+        column[:] = 0
+        for top in range(1 - scale, high * scale - scale + 1):
+            sum_blocks(marks, top, scale, column, block)
+            y = (top + scale - 1) // scale
+            _write_blocks(block, y, scale, blocks[m, y * scale - top])
 
 
 @kernel
-def fill_landing_cells(layers: NDArray[np.bool_], margin: int, cells: NDArray[np.int32]) -> int:
-    """Write the landing cells of one map, shape (3, M + 2p, N + 2p), to ``cells`` in row-major order; return their number."""
+def _write_blocks(block: NDArray[np.uint64], y: int, scale: int, out: NDArray[Any]) -> None:
+    """Write the counts of the blocks that begin in one row, for each phase q, to row ``y`` of ``out``, shape (g, 3, H, W)."""
+    area, mask = np.uint64(scale * scale), np.uint64((1 << _PLACE) - 1)
+    for q in range(scale):
+        landing, no_fly, building, place = out[q, 0, y], out[q, 1, y], out[q, 2, y], np.uint64(scale - 1 - q)
+        for x in range(len(landing)):
+            number = block[place]
+            landing[x] = number & mask
+            no_fly[x] = area - ((number >> np.uint64(_PLACE)) & mask)
+            building[x] = area - (number >> np.uint64(2 * _PLACE))
+            place += np.uint64(scale)
+
+
+@kernel
+def fill_landing_cells(ground: NDArray[np.uint8], margin: int, cells: NDArray[np.int32]) -> int:
+    """Write the landing cells of one map, shape (M + 2p, N + 2p), to ``cells`` in row-major order; return their number."""
     number = 0
-    for r in range(layers.shape[1] - 2 * margin):
-        row = layers[0, margin + r]
-        for c in range(layers.shape[2] - 2 * margin):
-            if row[margin + c]:
+    for r in range(ground.shape[0] - 2 * margin):
+        row = ground[margin + r]
+        for c in range(ground.shape[1] - 2 * margin):
+            if row[margin + c] & LANDING_BIT:
                 cells[number, 0], cells[number, 1] = r, c
                 number += 1
     return number

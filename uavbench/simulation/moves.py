@@ -9,6 +9,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from uavbench.simulation.city_maps import LANDING_BIT, NO_FLY_BIT
 from uavbench.world.city import HOVER, LAND, OFFSETS
 from uavbench.world.kernel import kernel, parallel_kernel, share
 
@@ -46,7 +47,7 @@ def move(
     done: NDArray[np.bool_],
     reward: NDArray[np.float64],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     movement: float,
     safety: float,
@@ -62,10 +63,10 @@ def move(
         previous[i, uav, 0], previous[i, uav, 1] = r, c
         stayed = True
         if action == LAND:
-            landed[i, uav] = layers[city[i], 0, r + margin, c + margin]
+            landed[i, uav] = ground[city[i], r + margin, c + margin] & LANDING_BIT > 0
         elif action != HOVER:
             y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
-            blocks = layers[city[i], 1, y + margin, x + margin]  # in the margin, too
+            blocks = ground[city[i], y + margin, x + margin] & NO_FLY_BIT  # in the margin, too
             if not blocks and not held_by_active(position, done, i, y, x, 0):
                 position[i, uav, 0], position[i, uav, 1] = y, x
                 stayed = False
@@ -96,7 +97,7 @@ def write_masks(
     position: NDArray[np.int32],
     done: NDArray[np.bool_],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     mask: NDArray[np.int8],
 ) -> None:
@@ -108,12 +109,12 @@ def write_masks(
             r, c = position[i, u, 0], position[i, u, 1]
             for action in range(HOVER):
                 y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
-                valid = not layers[m, 1, y + margin, x + margin]
+                valid = ground[m, y + margin, x + margin] & NO_FLY_BIT == 0
                 if valid and u + 1 < uavs:
                     valid = not held_by_active(position, done, i, y, x, u + 1)
                 mask[i, u, action] = valid
             mask[i, u, HOVER] = 1
-            mask[i, u, LAND] = layers[m, 0, r + margin, c + margin]
+            mask[i, u, LAND] = ground[m, r + margin, c + margin] & LANDING_BIT > 0
 
 
 @kernel
@@ -121,7 +122,7 @@ def write_safe_masks(
     position: NDArray[np.int32],
     budget: NDArray[np.int32],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     homes: NDArray[np.int32],
     mask: NDArray[np.int8],
@@ -135,10 +136,10 @@ def write_safe_masks(
             safe = 0
             for action in range(LAND + 1):
                 y, x = r + OFFSETS[action, 0], c + OFFSETS[action, 1]
-                if layers[m, 1, y + margin, x + margin]:
+                if ground[m, y + margin, x + margin] & NO_FLY_BIT:
                     y, x = r, c
                 possible = homes[m, y, x] + 1 <= budget[i, u] - 1
-                if action == LAND and layers[m, 0, r + margin, c + margin]:
+                if action == LAND and ground[m, r + margin, c + margin] & LANDING_BIT:
                     possible = True
                 mask[i, u, action] = possible
                 safe += possible

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uavbench.simulation.city_maps import fits, margin_within, new_maps
 from uavbench.simulation.pooling import block_sum
-from uavbench.simulation.rows import copy_block, divide_block, fill_range, widen_block
+from uavbench.simulation.rows import BITS, copy_block, divide_block, fill_range, split_block
 from uavbench.simulation.state import State
 from uavbench.world.kernel import kernel, parallel_kernel, share
 from uavbench.world.scenario import Scenario
@@ -107,20 +107,20 @@ def _write(
     num_spots: NDArray[np.int32],
     layers: NDArray[np.float32],
     city: NDArray[np.int64],
-    static_layers: NDArray[np.bool_],
-    static_blocks: NDArray[Any],
+    ground: NDArray[np.uint8],
+    blocks: NDArray[Any],
     margin: int,
     scale: int,
     team: bool,
 ) -> None:
     """Write observations. This is a single kernel, because to call a kernel takes as long as to write an observation."""
     (rows, cols), uavs, half = target.shape[1:], position.shape[1], out_local.shape[2] // 2
-    static, tall, broad = static_layers.shape[1:]
+    static, (tall, broad) = BITS, ground.shape[1:]
     own = static + (3 if team else 1)  # the first of the mission's own layers
     side, area, block = out_local.shape[2], out_local.shape[2] ** 2, out_global.shape[2] * out_global.shape[3]
     # Arrays are flattened once: to flatten or to slice an array takes as long as to copy a row.
     local_flat, global_flat, target_flat = out_local.reshape(-1), out_global.reshape(-1), target.reshape(-1)
-    layers_flat, blocks_flat = static_layers.view(np.uint8).reshape(-1), static_blocks.reshape(-1)
+    ground_flat, blocks_flat = ground.reshape(-1), blocks.reshape(-1)
     counts_flat, sizes = counts.reshape(-1), (rows, cols)
     for n in index:
         i, u = n // uavs, n % uavs
@@ -128,9 +128,8 @@ def _write(
         out_budget[n, 0] = budget[i, u]
         if out_local.shape[0]:
             start = n * out_local.shape[1] * area
-            corner = (city[i] * static * tall + r + margin - half) * broad + c + margin - half
-            for k in range(static):
-                widen_block(layers_flat, corner + k * tall * broad, broad, local_flat, start + k * area, side, side)
+            corner = (city[i] * tall + r + margin - half) * broad + c + margin - half
+            split_block(ground_flat, corner, broad, local_flat, start, side, side)
             start += static * area
             fill_range(local_flat, start, (n + 1) * out_local.shape[1] * area, np.float32(0.0))
             if spots.shape[1]:
@@ -149,10 +148,7 @@ def _write(
         fill_range(global_flat, start + block, start + static * block, np.float32(1.0))
         start += static * block
         fill_range(global_flat, start, (n + 1) * out_global.shape[1] * block, np.float32(0.0))
-        for k in range(static):
-            _average_counts(
-                blocks_flat, city[i] * static + k, static_blocks.shape[2:], top, left, out_global, n, k, global_flat
-            )
+        _average_blocks(blocks_flat, int(city[i]), blocks.shape[1:], top, left, out_global, n, global_flat)
         if spots.shape[1]:
             _average_spots(target[i], spots[i, : num_spots[i]], top, left, scale, out_global[n, static])
         elif counts.shape[1] == scale:
@@ -227,6 +223,33 @@ def _average_counts(
     first = ((m * scale + p) * tall * scale + q) * broad
     start = ((n * out.shape[1] + layer) * high + above) * wide + before
     divide_block(counts, first, scale * broad, flat, start, wide, shape, np.float32(scale * scale))
+
+
+@kernel
+def _average_blocks(
+    blocks: NDArray[Any],
+    m: int,
+    sizes: tuple[int, int, int, int, int],
+    top: int,
+    left: int,
+    out: NDArray[np.float32],
+    n: int,
+    flat: NDArray[np.float32],
+) -> None:
+    """Write the g×g means of the static layers of map ``m``, which begins at (top, left) of the centred map (paper eq. 13).
+
+    ``blocks`` holds the counts of all maps, flattened; ``sizes`` is the shape of one map's. ``flat`` is ``out``, flattened.
+    """
+    scale, _, static, tall, broad = sizes
+    high, wide = out.shape[2:]
+    above, before, p, q = top // scale, left // scale, top % scale, left % scale
+    shape = (min(high - above, tall), min(wide - before, broad))
+    first = ((m * scale + p) * scale + q) * static * tall * broad
+    start = (n * out.shape[1] * high + above) * wide + before
+    for _ in range(static):
+        divide_block(blocks, first, broad, flat, start, wide, shape, np.float32(scale * scale))
+        first += tall * broad
+        start += high * wide
 
 
 @kernel

@@ -47,19 +47,11 @@ def remove_target(counts: NDArray[Any], r: int, c: int) -> None:
 @kernel
 def count_targets(target: NDArray[Any], counts: NDArray[Any]) -> None:
     """Count the targets of one map, shape (M, N), whose cells are 1 or 0: over g rows first, then over g columns."""
-    rows, cols = target.shape
     scale, high, _, wide = counts.shape
-    column = np.zeros((wide + 1) * scale, dtype=counts.dtype)  # sums over g rows in each column, with margins of zeros
-    block = np.zeros(wide * scale, dtype=counts.dtype)  # sums over g columns each; the first begins scale - 1 before the map
-    inner = column[scale : scale + cols]
-    for top in range(1 - scale, high * scale - scale + 1):  # the first row of a block, possibly above the map
-        if top + scale <= rows:
-            _add(target[top + scale - 1], inner)
-        if 0 < top <= rows:
-            _subtract(target[top - 1], inner)
-        block[:] = 0
-        for k in range(1, scale + 1):
-            _add(column[k : k + len(block)], block)
+    column = np.zeros((wide + 1) * scale, dtype=counts.dtype)
+    block = np.zeros(wide * scale, dtype=counts.dtype)
+    for top in range(1 - scale, high * scale - scale + 1):
+        sum_blocks(target, top, scale, column, block)
         y = (top + scale - 1) // scale
         phase = counts[y * scale - top, y]
         for q in range(scale):
@@ -67,6 +59,34 @@ def count_targets(target: NDArray[Any], counts: NDArray[Any]) -> None:
             for x in range(wide):
                 blocks[x] = block[place]
                 place += np.uint64(scale)
+
+
+@kernel
+def sum_blocks(target: NDArray[Any], top: int, scale: int, column: NDArray[Any], block: NDArray[Any]) -> None:
+    """Count the targets in all blocks of one map that begin in row ``top``, which may be above the map.
+
+    Parameters
+    ----------
+    target : ndarray, shape (M, N)
+        The map; its cells are 1 or 0.
+    top : int
+        The row. The first call is for 1 − g, and each call for the row after that of the call before.
+    scale : int
+        The number g of rows and columns of a block.
+    column : ndarray, shape (g (W + 1),)
+        The sums over g rows in each column, with margins of zeros; 0 before the first call.
+    block : ndarray, shape (g W,)
+        The counts are written to it. The first block begins g − 1 columns before the map.
+    """
+    rows, cols = target.shape
+    inner = column[scale : scale + cols]
+    if top + scale <= rows:
+        _add(target[top + scale - 1], inner)
+    if 0 < top <= rows:
+        _subtract(target[top - 1], inner)
+    block[:] = 0
+    for k in range(1, scale + 1):
+        _add(column[k : k + len(block)], block)
 
 
 @kernel

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from uavbench.world.kernel import kernel
 
+#: How many bits of a byte `split_block` writes.
+BITS = 3
 _LANES = 8
 _VECTOR = ir.VectorType(ir.FloatType(), _LANES)
 _WIDE = 4  # bytes of an integer that a processor turns into a float32
@@ -54,7 +56,7 @@ def _divided(builder: Any, numbers: Any, divisors: Any) -> Any:
 def _vector_divider(typing: Any, source: Any, first: Any, target: Any, start: Any, divisor: Any) -> Any:  # noqa: ARG001
     """Divide `_LANES` whole numbers of a contiguous array, from ``first`` on, and write them from ``start`` on as float32.
 
-    The numbers are below 2³¹. If ``divisor`` is None, they are not divided.
+    The numbers are below 2³¹.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -64,12 +66,10 @@ def _vector_divider(typing: Any, source: Any, first: Any, target: Any, start: An
         width = context.get_abi_sizeof(context.get_data_type(signature.args[0].dtype))
         loaded = builder.load(place, align=width)
         wide = builder.zext(loaded, ir.VectorType(ir.IntType(32), _LANES)) if width < _WIDE else loaded
-        numbers = builder.sitofp(wide, _VECTOR)
-        if not isinstance(signature.args[4], types.NoneType):
-            lanes: Any = cast("Any", ir.Constant)(_VECTOR, cast("Any", ir).Undefined)
-            for lane in range(_LANES):
-                lanes = builder.insert_element(lanes, arguments[4], ir.Constant(ir.IntType(32), lane))
-            numbers = _divided(builder, numbers, lanes)
+        lanes: Any = cast("Any", ir.Constant)(_VECTOR, cast("Any", ir).Undefined)
+        for lane in range(_LANES):
+            lanes = builder.insert_element(lanes, arguments[4], ir.Constant(ir.IntType(32), lane))
+        numbers = _divided(builder, builder.sitofp(wide, _VECTOR), lanes)
         out = builder.bitcast(builder.gep(written, [arguments[3]]), _VECTOR.as_pointer())
         builder.store(numbers, out, align=4)
         return context.get_dummy_value()
@@ -77,8 +77,33 @@ def _vector_divider(typing: Any, source: Any, first: Any, target: Any, start: An
     return types.void(source, types.intp, target, types.intp, divisor), generate
 
 
+@intrinsic
+def _vector_splitter(typing: Any, source: Any, first: Any, target: Any, start: Any, step: Any) -> Any:  # noqa: ARG001
+    """Write the three lowest bits of `_LANES` bytes of a contiguous array, from ``first`` on, as float32.
+
+    The lowest bits are written from ``start`` on, and those of each higher place ``step`` numbers later.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        read, written = (context.make_array(signature.args[k])(context, builder, arguments[k]).data for k in (0, 2))
+        wide, bytes_ = ir.VectorType(ir.IntType(32), _LANES), ir.VectorType(ir.IntType(8), _LANES)
+        place = builder.bitcast(builder.gep(read, [arguments[1]]), bytes_.as_pointer())
+        loaded = builder.zext(builder.load(place, align=1), wide)
+        start = arguments[3]
+        for bit in range(BITS):
+            shifted = builder.lshr(loaded, ir.Constant(wide, [bit] * _LANES))
+            numbers = builder.sitofp(builder.and_(shifted, ir.Constant(wide, [1] * _LANES)), _VECTOR)
+            out = builder.bitcast(builder.gep(written, [start]), _VECTOR.as_pointer())
+            builder.store(numbers, out, align=4)
+            start = builder.add(start, arguments[4])
+        return context.get_dummy_value()
+
+    return types.void(source, types.intp, target, types.intp, types.intp), generate
+
+
 _copy_vector = cast("Any", _vector_copier)  # Numba calls it without the first argument
 _divide_vector = cast("Any", _vector_divider)
+_split_vector = cast("Any", _vector_splitter)
 
 
 @kernel
@@ -135,18 +160,29 @@ def divide_block(
 
 
 @kernel
-def widen_block(
-    source: NDArray[np.uint8], first: int, source_step: int, target: NDArray[np.float32], start: int, rows: int, cols: int
+def split_block(
+    source: NDArray[np.uint8],
+    first: int,
+    source_step: int,
+    target: NDArray[np.float32],
+    start: int,
+    rows: int,
+    cols: int,
 ) -> None:
-    """Write a block of whole numbers as float32 to ``target``, where its rows follow each other: see `copy_block`."""
+    """Write the three lowest bits of a block of bytes as float32, as three blocks that follow each other: see `copy_block`.
+
+    The rows of a block in ``target`` follow each other, too.
+    """
+    step = rows * cols
     for _ in range(rows):
         if cols < _LANES:
             for x in range(cols):
-                target[start + x] = np.float32(source[first + x])
+                for bit in range(BITS):
+                    target[start + bit * step + x] = np.float32((source[first + x] >> bit) & 1)
         else:
             for x in range(0, cols - _LANES + 1, _LANES):
-                _divide_vector(source, first + x, target, start + x, None)
-            _divide_vector(source, first + cols - _LANES, target, start + cols - _LANES, None)
+                _split_vector(source, first + x, target, start + x, step)
+            _split_vector(source, first + cols - _LANES, target, start + cols - _LANES, step)
         first += source_step
         start += cols
 

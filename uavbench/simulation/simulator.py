@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from uavbench.simulation.city_maps import enter_cities, margin_of, no_cities
+from uavbench.simulation.city_maps import CityWriter, margin_of
 from uavbench.simulation.missions import Mission
 from uavbench.simulation.moves import move, move_apart, write_masks, write_safe_masks, wrong_action
 from uavbench.simulation.options import is_anywhere, read_budget, read_noise, read_start, read_uavs
@@ -68,13 +68,13 @@ class Simulator:
         self._numbers = np.full(num_envs, -1, dtype=np.int64)
         self._fitting: set[str] = set()  # splits whose frozen episodes have been checked against the scenario
         self._only_city = city_of(scenario) if scenario.cities is None else None
-        self._city_keys = no_cities(num_envs)  # of the cities whose maps the slots hold
+        self._cities = CityWriter(scenario, self.state.maps)
         self._last_cities: dict[int, tuple[np.uint64, City]] = {}  # by slot: the last one that was asked for, and its key
         self._homes: NDArray[np.int32] | None = None  # the distances to landing in each slot's city, once they are needed
-        self._homes_keys = self._city_keys.copy()
+        self._homes_keys = self._cities.keys.copy()
         rewards = scenario.rewards
         state, self._margin = self.state, margin_of(scenario)
-        self._maps = (state.maps.city, state.maps.layers, self._margin)
+        self._maps = (state.maps.city, state.maps.ground, self._margin)
         self._moved = (  # what `move` takes, listed once: the arrays are never reallocated
             state.position,
             state.previous,
@@ -108,7 +108,7 @@ class Simulator:
         """Return the city of the episode in slot ``i``."""
         if self._only_city is not None:
             return self._only_city
-        key = self._city_keys[i]
+        key = self._cities.keys[i]
         if i not in self._last_cities or self._last_cities[i][0] != key:
             self._last_cities[i] = key, city_at(self.scenario, key)
         return self._last_cities[i][1]
@@ -157,7 +157,7 @@ class Simulator:
 
     def sample(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
         """Start the episodes of ``keys`` in the slots ``index``, drawn from the keys even if they are frozen."""
-        self._enter_cities(index, keys)
+        self._cities.enter(index, keys)
         state = self.state
         state.key[index] = keys
         draw_starts(
@@ -228,7 +228,7 @@ class Simulator:
         """
         put(state, self.scenario.digest, self._arrays(), index)
         slots = self.slots if index is None else np.asarray(index, dtype=np.int64)
-        self._enter_cities(slots, self.state.key[slots])
+        self._cities.enter(slots, self.state.key[slots])
 
     def snapshot(self) -> Columns:
         """Return everything that changes, as fresh arrays by name, to be saved in a file: `resume` continues from them."""
@@ -357,14 +357,10 @@ class Simulator:
             return self._only_city.distance_to_landing[None]
         if self._homes is None:
             self._homes = np.zeros((self.num_envs, *self.scenario.shape), dtype=np.int32)
-        for i in np.flatnonzero(self._homes_keys != self._city_keys).tolist():
+        for i in np.flatnonzero(self._homes_keys != self._cities.keys).tolist():
             self._homes[i] = self.city_at(i).distance_to_landing
-        self._homes_keys[:] = self._city_keys
+        self._homes_keys[:] = self._cities.keys
         return self._homes
-
-    def _enter_cities(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
-        """Write the maps of the cities of the episodes ``keys`` into the slots ``index``, where they are not there already."""
-        enter_cities(self.scenario, self.state.maps, self._city_keys, index, keys)
 
     def _parse(self, i: int, options: Mapping[str, Any]) -> Columns:
         """Return the episode just started in slot ``i`` as columns, changed as ``options`` say."""
@@ -436,7 +432,7 @@ class Simulator:
         """Start the episodes that the rows of ``columns`` describe in the slots ``index``."""
         state = self.state
         min_uavs, max_uavs = self.scenario.uavs or (1, 1)
-        self._enter_cities(index, np.asarray(columns["key"], dtype=np.uint64))
+        self._cities.enter(index, np.asarray(columns["key"], dtype=np.uint64))
         state.key[index] = columns["key"]
         # `Scenario.with_uavs` may ask for more or fewer than the frozen episode has.
         state.uavs[index] = np.clip(columns.get("uavs", 1), min_uavs, max_uavs)

@@ -23,7 +23,7 @@ def draw_starts(
     noise: NDArray[np.bool_],
     reward: NDArray[np.float64],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     low: int,
     high: int,
@@ -36,13 +36,13 @@ def draw_starts(
     how many UAVs fly.
     """
     cursor = np.empty(1, dtype=np.uint64)
-    landing_cells = np.empty(((layers.shape[2] - 2 * margin) * (layers.shape[3] - 2 * margin), 2), dtype=np.int32)
+    landing_cells = np.empty(((ground.shape[1] - 2 * margin) * (ground.shape[2] - 2 * margin), 2), dtype=np.int32)
     listed, number = -1, 0
     for n in range(len(index)):
         i = int(index[n])
         if city[i] != listed:  # slots in one city share the list
             listed = city[i]
-            number = fill_landing_cells(layers[listed], margin, landing_cells)
+            number = fill_landing_cells(ground[listed], margin, landing_cells)
         cursor[0] = stream(key[i], TEAM)
         uavs[i] = min_uavs + next_integer(cursor, max_uavs - min_uavs + 1)
         cursor[0] = stream(key[i], START)

@@ -16,7 +16,7 @@ from uavbench.world.city import City
 from uavbench.world.city_source import Cities
 from uavbench.world.episode import Columns, episode_keys
 from uavbench.world.files import ARRAYS_BYTES, FileError, read_bounded, unpack_arrays
-from uavbench.world.generators import draw_cities
+from uavbench.world.generators import CityDrawer
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import CITY, stream
 from uavbench.world.scenario import SPLITS, Scenario, ScenarioError, SplitName
@@ -32,16 +32,20 @@ def city_keys(scenario: Scenario, keys: NDArray[np.uint64]) -> NDArray[np.uint64
     Validation and test episode n takes place in city n modulo the number of cities. In the train split, and in episodes that
     belong to no split, the city is drawn from the episode's key.
     """
-    source = scenario.cities
     found = np.zeros(len(keys), dtype=np.uint64)
-    if source is None:
-        return found
+    if scenario.cities is not None:
+        _write_city_keys(keys, city_counts(scenario.cities), found)
+    return found
+
+
+def city_counts(source: Cities) -> NDArray[np.uint64]:
+    """Return how many cities each split has, in the order of `SPLITS`, and how many there are for episodes of no split.
+
+    0 means that there is no limit.
+    """
     counts = [city_count(source, split) for split in SPLITS]
     # Episodes of no split take place in cities of their own, or in the test split's maps.
-    fresh = counts[-1] if source.maps is not None else 0
-    numbers = np.array([*counts, fresh], dtype=np.uint64)
-    _write_city_keys(keys, numbers, found)
-    return found
+    return np.array([*counts, counts[-1] if source.maps is not None else 0], dtype=np.uint64)
 
 
 def city_count(source: Cities, split: SplitName) -> int:
@@ -104,10 +108,15 @@ def cells_of_cities(scenario: Scenario, keys: NDArray[np.uint64]) -> NDArray[np.
 
 def draw_city_cells(source: Cities, keys: NDArray[np.uint64]) -> NDArray[np.uint8]:
     """Return the cities ``keys`` as the generator of the source draws them now, whether or not they are frozen."""
-    assert source.generator is not None
     cells = np.empty((len(keys), *source.map_shape), dtype=np.uint8)
-    draw_cities(source.generator, keys, source.parameters, source.moves_to_land, source.landing_cells, source.places, cells)
+    drawer_of(source).draw(np.ascontiguousarray(keys), cells)
     return cells
+
+
+def drawer_of(source: Cities) -> CityDrawer:
+    """Return what draws the cities of a source with a generator."""
+    assert source.generator is not None
+    return CityDrawer(source.generator, source.parameters, source.moves_to_land, source.landing_cells, source.places)
 
 
 def city_at(scenario: Scenario, key: np.uint64) -> City:
@@ -184,15 +193,20 @@ def _frozen_cities(scenario: Path, path: Path, sha256: str, numbers: tuple[int, 
 
 
 @kernel
-def _write_city_keys(keys: NDArray[np.uint64], numbers: NDArray[np.uint64], found: NDArray[np.uint64]) -> None:
-    """Write the keys of the cities of episodes; ``numbers`` holds how many cities each split has, 0 for no limit."""
+def city_key_of(key: np.uint64, counts: NDArray[np.uint64]) -> np.uint64:
+    """Return the key of the city of one episode: see `city_keys`. ``counts`` are those of `city_counts`."""
     mask, split_bits, two = np.uint64(2**62 - 1), np.uint64(62), np.uint64(2)
+    split = key >> split_bits
+    number = key & mask
+    if split == 0 or split == 3:
+        number = stream(key, CITY) >> two
+    if counts[split] > 0:
+        number %= counts[split]
+    return (split << split_bits) | number
+
+
+@kernel
+def _write_city_keys(keys: NDArray[np.uint64], counts: NDArray[np.uint64], found: NDArray[np.uint64]) -> None:
+    """Write the keys of the cities of the episodes ``keys``."""
     for n in range(len(keys)):
-        split = keys[n] >> split_bits
-        count = numbers[split]
-        number = keys[n] & mask
-        if split == 0 or split == 3:
-            number = stream(keys[n], CITY) >> two
-        if count > 0:
-            number %= count
-        found[n] = (split << split_bits) | number
+        found[n] = city_key_of(keys[n], counts)

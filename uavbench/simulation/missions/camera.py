@@ -88,7 +88,8 @@ def _beginnings(down: int, right: int, reach: int) -> set[_Path]:
 
 @kernel
 def view_from(
-    building: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
+    building: int,
     cell: int,
     far_row: int,
     far_col: int,
@@ -102,18 +103,19 @@ def view_from(
 ) -> np.uint64:
     """Return what the camera sees from the cell (r, c), as the bits that `camera_views` describes.
 
-    ``building`` holds maps, flattened; the cell has the index ``cell`` in it. ``far_row`` and ``far_col`` are the last row and
-    column of the map. Rays end at the border, so nothing beyond it is looked at.
+    ``ground`` holds maps, flattened, whose cells have the bit ``building`` where a building is; the cell has the index ``cell``
+    in it. ``far_row`` and ``far_col`` are the last row and column of the map. Rays end at the border, so nothing beyond it is
+    looked at.
     """
     far = first.shape[0] - 1
     middle = np.uint64(2 * reach * (reach + 1))
-    view = np.uint64(0) if building[cell] else np.uint64(1) << middle
+    view = np.uint64(0) if ground[cell] & building else np.uint64(1) << middle
     for quarter in range(4):
         down, right = (far_row - r if quarter & 1 else r), (far_col - c if quarter & 2 else c)
         node, last = first[min(down, far), min(right, far)]
         there, marks = offsets[quarter], bits[quarter]
         while node < last:
-            if building[cell + there[node]]:
+            if ground[cell + there[node]] & building:
                 node = onward[node]
             else:
                 view |= marks[node]
@@ -123,17 +125,17 @@ def view_from(
 
 @kernel
 def views_from_all(
-    building: NDArray[np.bool_],
+    building: NDArray[np.uint8],
     reach: int,
     first: NDArray[np.int32],
     onward: NDArray[np.int32],
     offsets: NDArray[np.int32],
     bits: NDArray[np.uint64],
 ) -> NDArray[np.uint64]:
-    """Return what the camera sees from every cell of a map, shape (M, N): see `view_from`."""
+    """Return what the camera sees from every cell of a map of 0 and 1 (building), shape (M, N): see `view_from`."""
     rows, cols = building.shape
     views, flat = np.empty((rows, cols), dtype=np.uint64), building.reshape(-1)
     for r in range(rows):
         for c in range(cols):
-            views[r, c] = view_from(flat, r * cols + c, rows - 1, cols - 1, r, c, reach, first, onward, offsets, bits)
+            views[r, c] = view_from(flat, 1, r * cols + c, rows - 1, cols - 1, r, c, reach, first, onward, offsets, bits)
     return views

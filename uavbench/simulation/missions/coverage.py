@@ -10,7 +10,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from uavbench.simulation.city_maps import margin_of
+from uavbench.simulation.city_maps import BUILDING_BIT, margin_of
 from uavbench.simulation.missions import Mission
 from uavbench.simulation.missions.camera import trees_of, view_from, views_from_all
 from uavbench.simulation.missions.shapes import draw_shapes
@@ -56,7 +56,7 @@ class CoverageMission(Mission):
         min_shapes, max_shapes = self._parameters.shapes
         cells = self._shape[0] * self._shape[1]
         attempts = min(_ATTEMPTS, max(_MIN_ATTEMPTS, _PAINTED // (cells * max_shapes)))
-        arrays = (state.key, state.target, state.counts, state.total, state.remaining, state.maps.city, state.maps.layers)
+        arrays = (state.key, state.target, state.counts, state.total, state.remaining, state.maps.city, state.maps.ground)
         drawn = (self._margin, min_shapes, max_shapes, low, high, attempts)
         if not (_sample_apart(self.threads, index, *arrays, *drawn) if self.threads > 1 else _sample(index, *arrays, *drawn)):
             raise ScenarioError(
@@ -114,7 +114,7 @@ class CoverageMission(Mission):
             state.remaining,
             state.reward,
             state.maps.city,
-            state.maps.layers,
+            state.maps.ground,
             self._margin,
             self.views,
             *self._trees,
@@ -155,7 +155,7 @@ def camera_gain(scenario: Scenario, target: NDArray[np.float32], city: City | No
 
 @lru_cache(maxsize=32)
 def _views(city: City, reach: int) -> NDArray[np.uint64]:
-    views = views_from_all(city.building, reach, *trees_of(reach, city.shape[1]))
+    views = views_from_all(city.building.view(np.uint8), reach, *trees_of(reach, city.shape[1]))
     views.flags.writeable = False
     return views
 
@@ -169,7 +169,7 @@ def _sample(
     total: NDArray[np.float64],
     remaining: NDArray[np.float64],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     min_shapes: int,
     max_shapes: int,
@@ -188,7 +188,7 @@ def _sample(
         for _ in range(attempts):
             painted, _placed = draw_shapes(cursor, min_shapes, max_shapes, grid)
             if low * cells <= painted <= high * cells:
-                left = _keep(grid, layers[city[i], 2], margin, target[i])
+                left = _keep(grid, ground[city[i]], margin, target[i])
                 if left > 0:
                     break
         if left == 0:
@@ -209,13 +209,13 @@ def _sample_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> bool:
 
 
 @kernel
-def _keep(grid: NDArray[np.uint8], building: NDArray[np.bool_], margin: int, target: NDArray[np.float32]) -> int:
+def _keep(grid: NDArray[np.uint8], ground: NDArray[np.uint8], margin: int, target: NDArray[np.float32]) -> int:
     """Make targets of the painted cells that are not buildings; return their number."""
     left, cols = 0, grid.shape[1]
     for r in range(grid.shape[0]):
-        painted, walls, kept = grid[r], building[r + margin, margin : margin + cols], target[r]
+        painted, below, kept = grid[r], ground[r + margin, margin : margin + cols], target[r]
         for c in range(cols):
-            keep = painted[c] & ~walls[c] & 1
+            keep = painted[c] & (below[c] & BUILDING_BIT == 0)
             kept[c] = keep
             left += keep
     return left
@@ -233,7 +233,7 @@ def _collect(
     remaining: NDArray[np.float64],
     reward: NDArray[np.float64],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     views: NDArray[np.uint64],
     first_nodes: NDArray[np.int32],
@@ -245,17 +245,19 @@ def _collect(
 ) -> None:
     """Cover what UAV ``uav`` sees in those of the slots [``first``, ``last``) where it is active."""
     side = 2 * reach + 1
-    (far_row, far_col), (tall, wide) = (target.shape[1] - 1, target.shape[2] - 1), layers.shape[2:]
-    maps = layers.reshape(-1)
+    (far_row, far_col), (tall, wide) = (target.shape[1] - 1, target.shape[2] - 1), ground.shape[1:]
+    maps = ground.reshape(-1)
     for i in range(first, last):
         if done[i, uav]:
             continue
         r, c = position[i, uav, 0], position[i, uav, 1]
         if len(views):
             view = views[r, c]
+        elif not _any_near(target[i], r, c, reach):
+            continue
         else:
-            cell = ((city[i] * 3 + 2) * tall + r + margin) * wide + c + margin
-            view = view_from(maps, cell, far_row, far_col, r, c, reach, first_nodes, onward, offsets, bits)
+            cell = (city[i] * tall + r + margin) * wide + c + margin
+            view = view_from(maps, BUILDING_BIT, cell, far_row, far_col, r, c, reach, first_nodes, onward, offsets, bits)
         gain = 0
         for y in range(side):
             for x in range(side):
@@ -267,6 +269,16 @@ def _collect(
                 view >>= np.uint64(1)
         remaining[i] -= gain
         reward[i, uav] += value * gain
+
+
+@kernel
+def _any_near(target: NDArray[np.float32], r: int, c: int, reach: int) -> bool:
+    """Return whether the square around the cell (r, c) has a target: to look at it takes less time than to compute a view."""
+    near = np.float32(0.0)
+    for y in range(max(0, r - reach), min(len(target), r + reach + 1)):
+        for x in range(max(0, c - reach), min(target.shape[1], c + reach + 1)):
+            near = max(near, target[y, x])
+    return bool(near > 0.0)
 
 
 @parallel_kernel

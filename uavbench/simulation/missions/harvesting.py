@@ -12,7 +12,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from uavbench.simulation.city_maps import margin_of
+from uavbench.simulation.city_maps import BUILDING_BIT, LANDING_BIT, margin_of
 from uavbench.simulation.missions import Mission
 from uavbench.simulation.missions.channel import Channel, channel_of, log_below, log_snr_of, square_of
 from uavbench.simulation.state import State
@@ -92,7 +92,7 @@ class HarvestingMission(Mission):
         low, high = self._parameters.data
         min_devices, max_devices = self._parameters.devices
         d = self.devices
-        maps = (state.maps.city, state.maps.layers, self._margin)
+        maps = (state.maps.city, state.maps.ground, self._margin)
         _sample(index, state.key, d.number, d.cell, d.data, *maps, min_devices, max_devices, low, high)
         self._place(state, index)
 
@@ -115,7 +115,7 @@ class HarvestingMission(Mission):
     def _place(self, state: State, index: NDArray[np.int64]) -> None:
         """Compute everything that follows from the devices of the slots ``index``."""
         arrays = (state.target, state.spots, state.num_spots, state.total, state.remaining)
-        _place(index, *arrays, *self.devices, state.maps.city, state.maps.layers, self._margin, self._sights)
+        _place(index, *arrays, *self.devices, state.maps.city, state.maps.ground, self._margin, self._sights)
 
     def fits(self, columns: Columns, city: City) -> bool:
         """Return whether frozen columns can belong to this scenario: all devices in allowed cells, with data in the range."""
@@ -210,7 +210,7 @@ def _sample(
     cell: NDArray[np.int32],
     data: NDArray[np.float64],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     min_devices: int,
     max_devices: int,
@@ -219,13 +219,13 @@ def _sample(
 ) -> None:
     """Draw the devices of the slots ``index``."""
     cursor = np.empty(1, dtype=np.uint64)
-    places = np.empty(((layers.shape[2] - 2 * margin) * (layers.shape[3] - 2 * margin), 2), dtype=np.int32)
+    places = np.empty(((ground.shape[1] - 2 * margin) * (ground.shape[2] - 2 * margin), 2), dtype=np.int32)
     listed, number_of_places = -1, 0
     for n in range(len(index)):
         i = int(index[n])
         if city[i] != listed:  # slots in one city share the list
             listed = city[i]
-            number_of_places = _fill_places(layers[listed], margin, places)
+            number_of_places = _fill_places(ground[listed], margin, places)
         cursor[0] = stream(key[i], CONTENT)
         cell[i] = 0
         data[i] = 0.0
@@ -242,13 +242,13 @@ def _sample(
 
 
 @kernel
-def _fill_places(layers: NDArray[np.bool_], margin: int, places: NDArray[np.int32]) -> int:
+def _fill_places(ground: NDArray[np.uint8], margin: int, places: NDArray[np.int32]) -> int:
     """Write the cells of one map where devices may be to ``places``, in row-major order; return their number."""
     number = 0
-    for r in range(layers.shape[1] - 2 * margin):
-        for c in range(layers.shape[2] - 2 * margin):
+    for r in range(ground.shape[0] - 2 * margin):
+        for c in range(ground.shape[1] - 2 * margin):
             places[number, 0], places[number, 1] = r, c
-            number += not (layers[0, r + margin, c + margin] or layers[2, r + margin, c + margin])
+            number += ground[r + margin, c + margin] & (LANDING_BIT | BUILDING_BIT) == 0
     return number
 
 
@@ -297,7 +297,7 @@ def _place(
     data: NDArray[np.float64],
     sight: NDArray[np.uint8],
     city: NDArray[np.int64],
-    layers: NDArray[np.bool_],
+    ground: NDArray[np.uint8],
     margin: int,
     sights: Sights,
 ) -> None:
@@ -308,7 +308,7 @@ def _place(
     for i in index:
         if city[i] != copied:  # slots in one city share the copy
             copied = city[i]
-            building[:] = layers[copied, 2, margin : margin + rows, margin : margin + cols]
+            building[:] = ground[copied, margin : margin + rows, margin : margin + cols] & BUILDING_BIT > 0
         for j in range(num_spots[i]):
             target[i, spots[i, j, 0], spots[i, j, 1]] = 0.0
         spots[i] = cell[i]

@@ -68,11 +68,22 @@ def draw_cities(
     _check_array("out", out, np.uint8, out.shape)
     if not (out.flags.c_contiguous and out.flags.writeable):
         raise ValueError("out: the array must be contiguous and writeable")
-    from uavbench.world.generators.drawing import draw_many
+    CityDrawer(generator, parameters, reach, min_landing, min_places).draw(np.ascontiguousarray(keys), out)
 
-    kind = list(GENERATORS).index(generator)
-    encoded = parameters.encoded()
-    draw_many(kind, np.ascontiguousarray(keys), encoded, int(reach), int(min_landing), int(min_places), out)
+
+class CityDrawer:
+    """Draws cities again and again with the same arguments; they are those of `draw_cities` and are not checked."""
+
+    def __init__(self, generator: str, parameters: CityParameters, reach: int, min_landing: int, min_places: int) -> None:
+        from uavbench.world.generators.drawing import draw_many
+
+        self._draw_many: Any = draw_many
+        self._kind, self._parameters = list(GENERATORS).index(generator), parameters.encoded()
+        self._demands = int(reach), int(min_landing), int(min_places)
+
+    def draw(self, keys: NDArray[np.uint64], out: NDArray[np.uint8]) -> None:
+        """Draw a city for each of the contiguous ``keys``, shape (K,), and write its codes to ``out``, shape (K, M, N)."""
+        self._draw_many(self._kind, keys, self._parameters, *self._demands, out)
 
 
 def check_demands(shape: tuple[int, int], reach: int, min_landing: int, min_places: int) -> None:
