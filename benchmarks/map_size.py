@@ -2,11 +2,14 @@
 
 Usage: python benchmarks/map_size.py [--rounds 5] [--envs 32] [--picture FILE.png]. Prints Markdown: the best of all rounds, and
 the exponent e in time ∝ cells^e of a straight line through the logarithms. The global map has about 21×21 blocks at every size.
+The memory is that of a process of its own, with Python and all libraries, which take about 185 MB.
 Also measures how fast 256 environments of Cities32-CPP-v0, with a new city in every episode, are beside Manhattan32-CPP-v0.
 """
 
 import argparse
 import resource
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -65,6 +68,17 @@ def measured(side, mission, envs):
     return found
 
 
+def largest_memory():
+    """Return the largest memory that this process has had, in MB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def memory(side, mission, envs):
+    """Return the memory in MB of a process that loads one size, resets and steps it; of one environment, and of ``envs``."""
+    words = [sys.executable, __file__, "--memory", str(side), mission]
+    return [float(subprocess.run([*words, str(n)], capture_output=True, check=True, text=True).stdout) for n in (1, envs)]
+
+
 def exponent(sizes, times):
     """Return e of the line log time = e · log cells + constant."""
     return float(np.polyfit(2 * np.log(sizes), np.log(times), 1)[0])
@@ -116,7 +130,12 @@ def main():
     parser.add_argument("--rounds", type=int, default=5, help="rounds, of which the best counts (default: 5)")
     parser.add_argument("--envs", type=int, default=32, help="environments of each simulator (default: 32)")
     parser.add_argument("--picture", help="a PNG file to draw")
+    parser.add_argument("--memory", nargs=3, metavar=("SIDE", "MISSION", "ENVS"), help="only print the memory of one case")
     wanted = parser.parse_args()
+    if wanted.memory:
+        measured(int(wanted.memory[0]), wanted.memory[1], int(wanted.memory[2]))
+        print(largest_memory())
+        return
     results = {}
     for mission in ("coverage", "harvesting"):
         for side in SMALL:
@@ -127,7 +146,10 @@ def main():
         print(f"| --- |{' ---: |' * (len(SIZES) + 1)}")
         for name, times in results[mission].items():
             print(f"| {name} | {' | '.join(f'{each:.3g}' for each in times)} | {exponent(SIZES, times):.2f} |")
-    print(f"\nLargest memory of the process: {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MB.")
+        for number, row in zip(
+            (1, wanted.envs), zip(*(memory(side, mission, wanted.envs) for side in SIZES), strict=True), strict=True
+        ):
+            print(f"| memory with {number} environments, MB | {' | '.join(f'{each:.0f}' for each in row)} | |")
     if wanted.picture:
         draw(wanted.picture, results)
     against_one_map(wanted.rounds)
