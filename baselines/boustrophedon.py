@@ -5,29 +5,32 @@ join the parts of this line that are to be flown over, new zones begin (Choset, 
 cellular decomposition, Autonomous Robots 9, 2000). Each zone is swept back and forth, beginning at any of its four corners; the
 distance between lanes is the width of the camera's view. Choosing the order of the zones and their corners is a generalised
 travelling salesman problem (Xie, Carrillo and Jin, An integrated traveling salesman and coverage path planning problem, IEEE
-Control Systems Letters 3(1), 2019); it is solved by local search, with the lengths of shortest paths between zones. If a tour
-is too long for the budget, the lanes that see the fewest targets per move are dropped.
+Control Systems Letters 3(1), 2019); it is solved by local search, with the lengths of shortest paths between zones. On large
+maps with many zones, only those are ordered that see most targets per move, as many as the budget suffices for. If a tour is
+too long for the budget, the lanes that see the fewest targets per move are dropped.
 
 A plan is made for lanes along rows and along columns, and for every offset of the lanes; the plan that covers most is flown.
 """
 
-from functools import lru_cache
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from uavbench.simulation.missions.coverage import camera_views
+from uavbench.planning.shortest import grid_of, moves_between
+from uavbench.planning.zone_tours import Field, Zones, tour_within, whole_tour
+from uavbench.simulation.missions.coverage import camera_gain, camera_views
 from uavbench.world.city import EAST, HOVER, LAND, NORTH, SOUTH, WEST
 from uavbench.world.kernel import kernel
+
+FEW_ZONES = 50  # that are ordered all; this takes seconds already
 
 
 class Agent:
     """Plans at the first decision of an episode, and then follows the plan, because nothing random happens in CPP.
 
-    In this class, cell (r, c) of a map with N columns is the number r · N + c, and a set of cells is an integer with one bit
-    for each cell. A lane is the list of its cells in the order in which they are flown over. A way through one zone, and a tour
-    through all zones, are lists of lanes.
+    In this class, cell (r, c) of a map with N columns is the number r · N + c. A lane is an array of its cells in the order in
+    which they are flown over. A way through one zone, and a tour through all zones, are lists of lanes.
     """
 
     track = "state"
@@ -52,10 +55,8 @@ class Agent:
         """Prepare for a city, if it is another one than before."""
         if city is self._city:
             return
-        self._city, columns = city, city.shape[1]
-        self._views = _view_sets(camera_views(self._scenario, city), self._size)
+        self._city, self._grid = city, grid_of(city)
         self._home = city.distance_to_landing.reshape(-1)
-        self._moves = lru_cache(maxsize=4096)(lambda cell: city.distances(divmod(cell, columns)).reshape(-1))
 
     def act(self, observation, info):
         """Return the plan's next action."""
@@ -65,45 +66,45 @@ class Agent:
 
     def _plan(self, state):
         """Return the actions of the plan that covers most."""
-        self._look_at(state.city)
-        start = state.position[0] * state.city.shape[1] + state.position[1]
-        targets = sum(1 << cell for cell in np.flatnonzero(state.target).tolist())
-        seen = [view & targets for view in self._views]
+        city = state.city
+        self._look_at(city)
+        start = state.position[0] * city.shape[1] + state.position[1]
+        views = camera_views(self._scenario, city)
+        self._sight = Sight(_targets_in_view(views, self._size, state.target > 0), self._size, np.zeros(city.shape, np.int32))
+        self._gain = camera_gain(self._scenario, state.target, city).reshape(-1)
+        wanted = (city.distances(state.position) >= 0) & (self._gain.reshape(city.shape) > 0)
         paths = [[start], [start, start]] if state.budget > 1 else [[start]]
         for along_columns in (False, True):
             for offset in range(self._size):
-                zones = _decompose(self._lines(start, seen, along_columns, offset))
-                tour = self._shorten(start, self._tour(start, zones), state.budget, seen)
-                paths.append(self._path(start, tour, seen))
-        covered = [_union(seen[cell] for cell in path[1:]).bit_count() for path in paths]  # a reset covers nothing
+                zones = _decompose(self._lines(wanted, along_columns, offset))
+                tour = self._shorten(start, self._tour(start, zones, state.budget), state.budget)
+                paths.append(self._path(start, tour))
+        covered = [_covered(path[1:], self._sight) for path in paths]  # a reset covers nothing
         best = paths[max(range(len(paths)), key=lambda k: (covered[k], -len(paths[k])))]
         actions = {offset: action for action, offset in self._offsets.items()}
         return [actions[after - before] for before, after in pairwise(best)] + [LAND]
 
-    def _lines(self, start, seen, along_columns, offset):
+    def _lines(self, wanted, along_columns, offset):
         """Return, for each of the parallel lines, its lanes as triples: begin and end on the line, and the lane's cells.
 
-        A lane is a series of adjacent cells that the UAV can reach, and from each of which it sees targets. ``begin`` and
-        ``end`` are those of the whole series; the lane leaves out cells at its ends that show no further targets.
+        A lane is a series of adjacent cells that are ``wanted``: the UAV can reach them, and sees targets from each of them.
+        ``begin`` and ``end`` are those of the whole series; the lane leaves out cells at its ends that show no further targets.
         """
         reach = self._size // 2
-        reachable = self._moves(start) >= 0
-        grid = np.arange(reachable.size).reshape(self._city.shape)
-        grid = grid.T if along_columns else grid
+        grid = np.arange(wanted.size).reshape(wanted.shape)
+        grid, wanted = (grid.T, wanted.T) if along_columns else (grid, wanted)
         lines = []
         for middle in range(offset - self._size, len(grid) + reach, self._size):
             if middle + reach < 0:
                 continue
-            lanes, lane = [], []
-            line = grid[min(max(middle, 0), len(grid) - 1)].tolist()  # the outermost may lie beyond the edge
-            for end, cell in enumerate([*line, None]):
-                if cell is not None and reachable[cell] and seen[cell]:
-                    lane.append(cell)
-                elif lane:
-                    lanes.append((end - len(lane), end, _trimmed(lane, seen)))
-                    lane = []
-            lines.append(lanes)
+            line = min(max(middle, 0), len(grid) - 1)  # the outermost may lie beyond the edge
+            edges = np.flatnonzero(np.diff(wanted[line].astype(np.int8), prepend=0, append=0)).reshape(-1, 2).tolist()
+            lines.append([(begin, end, _trimmed(np.ascontiguousarray(grid[line, begin:end]), self._sight)) for begin, end in edges])
         return lines
+
+    def _moves(self, here, there):
+        """Return the number of moves between two cells."""
+        return moves_between(self._grid, here, there)
 
     def _ways(self, zone):
         """Return the four ways to sweep a zone: beginning with its first or its last lane, at either end of that lane."""
@@ -112,67 +113,73 @@ class Agent:
             for first in (lanes[0], lanes[0][::-1]):
                 way = [first]
                 for lane in lanes[1:]:
-                    moves = self._moves(way[-1][-1])
-                    way.append(lane if moves[lane[0]] <= moves[lane[-1]] else lane[::-1])
+                    last = way[-1][-1]
+                    way.append(lane if self._moves(last, lane[0]) <= self._moves(last, lane[-1]) else lane[::-1])
                 ways.append(way)
         return ways
 
     def _length(self, way):
         """Return the number of moves from the beginning of a way to its end."""
-        return sum(len(lane) - 1 for lane in way) + sum(self._moves(a[-1])[b[0]] for a, b in pairwise(way))
+        return sum(len(lane) - 1 for lane in way) + sum(self._moves(a[-1], b[0]) for a, b in pairwise(way))
 
-    def _tour(self, start, zones):
-        """Return a short tour through all zones."""
+    def _tour(self, start, zones, budget):
+        """Return a short tour through all zones, or, if there are many, through as many of them as the budget suffices for."""
         if not zones:
             return []
         ways = [self._ways(zone) for zone in zones]
-        enter = np.array([[way[0][0] for way in four] for four in ways])
-        leave = np.array([[way[-1][-1] for way in four] for four in ways])
-        within = np.array([[self._length(way) for way in four] for four in ways])
-        between = np.array([[self._moves(cell)[enter] for cell in four] for four in leave.tolist()])
-        order, chosen = _best_order(self._moves(start)[enter] + within, between + within, self._home[leave])
+        table = Zones(
+            np.array([[way[0][0] for way in four] for four in ways]),
+            np.array([[way[-1][-1] for way in four] for four in ways]),
+            np.array([[self._length(way) for way in four] for four in ways]),
+            np.array([_covered(np.concatenate(zone), self._sight) for zone in zones]),
+        )
+        field = Field(self._city, self._grid, start)
+        few = len(zones) <= FEW_ZONES
+        order, chosen = whole_tour(field, table) if few else tour_within(field, table, budget - 1)  # one action is for landing
         return [lane for k, way in zip(order.tolist(), chosen.tolist(), strict=True) for lane in ways[k][way]]
 
-    def _shorten(self, start, tour, budget, seen):
+    def _shorten(self, start, tour, budget):
         """Drop lanes until the tour fits the budget: each time the one with the fewest targets of its own per move.
 
         A lane's own targets are those that no other lane sees.
         """
-        views = [_union(seen[cell] for cell in lane) for lane in tour]
-        while tour and self._length([[start], *tour]) + self._home[tour[-1][-1]] + 1 > budget:  # + 1 to land
-            once = twice = 0
-            for view in views:
-                twice |= once & view
-                once |= view
-            values = []
-            for before, lane, after, view in zip([[start], *tour], tour, [*tour[1:], None], views, strict=False):
-                cost = self._onward(before[-1], lane) + len(lane) - 1 + self._onward(lane[-1], after)
-                cost -= self._onward(before[-1], after)
-                values.append((view & ~twice).bit_count() / max(cost, 0.5))
-            worst = min(range(len(tour)), key=values.__getitem__)
-            del tour[worst], views[worst]
+        length = self._length([[start], *tour]) + self._home[tour[-1][-1] if tour else start] + 1  # + 1 to land
+        costs = [self._cost(start, tour, k) for k in range(len(tour))]
+        while tour and length > budget:
+            own = _own_targets(np.concatenate(tour), np.cumsum([len(lane) for lane in tour]), self._sight)
+            worst = int(np.argmin(own / np.maximum(costs, 0.5)))
+            length -= costs[worst]
+            del tour[worst], costs[worst]
+            for k in range(max(worst - 1, 0), min(worst + 1, len(tour))):
+                costs[k] = self._cost(start, tour, k)
         return tour
 
-    def _onward(self, cell, lane):
-        """Return the moves from a cell to the beginning of ``lane``, or to a landing zone if ``lane`` is None."""
-        return self._home[cell] if lane is None else self._moves(cell)[lane[0]]
+    def _cost(self, start, tour, k):
+        """Return the number of moves that a tour saves without its lane ``k``."""
+        lane = tour[k]
+        before = tour[k - 1][-1] if k else start
+        after = tour[k + 1][0] if k + 1 < len(tour) else None
+        return self._moves(before, lane[0]) + len(lane) - 1 + self._onward(lane[-1], after) - self._onward(before, after)
 
-    def _path(self, start, tour, seen):
+    def _onward(self, cell, goal):
+        """Return the number of moves from a cell to another one, or to a landing zone if ``goal`` is None."""
+        return self._home[cell] if goal is None else self._moves(cell, goal)
+
+    def _path(self, start, tour):
         """Return the cells of a tour from the start to a landing zone."""
         path = [start]
         for lane in tour:
-            self._fly(path, self._moves(lane[0]), seen)
-            path += lane[1:]
-        self._fly(path, self._home, seen)
+            self._fly(path, int(lane[0]))
+            path += lane[1:].tolist()
+        self._fly(path, None)
         return path
 
-    def _fly(self, path, moves, seen):
-        """Extend a path to a cell where ``moves`` is 0, as short as possible, each time by the neighbour that sees most."""
+    def _fly(self, path, goal):
+        """Extend a path to a cell, or to a landing zone, as short as possible, each time by the neighbour that sees most."""
         allowed = self._city.action_mask.reshape(-1, LAND + 1)
-        while moves[path[-1]] > 0:
-            here = path[-1]
-            near = [here + offset for action, offset in self._offsets.items() if allowed[here, action]]
-            path.append(max((c for c in near if moves[c] < moves[here]), key=lambda cell: seen[cell].bit_count()))
+        for left in range(self._onward(path[-1], goal) - 1, -1, -1):
+            near = [path[-1] + offset for action, offset in self._offsets.items() if allowed[path[-1], action]]
+            path.append(max((c for c in near if self._onward(c, goal) == left), key=self._gain.__getitem__))
 
 
 def _decompose(lines):
@@ -195,99 +202,91 @@ def _decompose(lines):
     return zones
 
 
-def _trimmed(lane, seen):
-    """Return the lane without the cells at its beginning, and then at its end, that show no further targets."""
-    everything = _union(seen[cell] for cell in lane)
-    while len(lane) > 1 and _union(seen[cell] for cell in lane[1:]) == everything:
-        lane = lane[1:]
-    while len(lane) > 1 and _union(seen[cell] for cell in lane[:-1]) == everything:
-        lane = lane[:-1]
-    return lane
+class Sight(NamedTuple):
+    """What is seen, and how often.
 
-
-def _union(sets):
-    """Return the union of sets of cells."""
-    union = 0
-    for each in sets:
-        union |= each
-    return union
-
-
-def _view_sets(views, size):
-    """Return, for each cell, the set of cells that the camera sees from it; ``views`` are those of `camera_views`."""
-    columns, reach = views.shape[1], size // 2
-    sets = []
-    for cell, view in enumerate(views.reshape(-1).tolist()):
-        r, c = divmod(cell, columns)
-        shifted = 0  # the set, shifted so that squares that begin before cell 0 fit
-        for i in range(size):
-            shifted |= (view >> i * size & (1 << size) - 1) << (r + i) * columns + c
-        sets.append(shifted >> reach * columns + reach)
-    return sets
-
-
-@kernel
-def _best_order(first, between, last):
-    """Solve the generalised travelling salesman problem by local search: move one zone, or reverse a part (2-opt).
-
-    Parameters
+    Attributes
     ----------
-    first : ndarray of int, shape (K, W)
-        Number of moves to fly from the start to zone k and sweep it in way w.
-    between : ndarray of int, shape (K, W, K, W)
-        Number of moves to fly from the end of a way of one zone to another zone and sweep that in one of its ways.
-    last : ndarray of int, shape (K, W)
-        Number of moves from the end of a way of a zone to the nearest landing cell.
-
-    Returns
-    -------
-    order, ways : ndarray of int64, shape (K,)
-        The zones in the order of the tour, and the way to sweep each of them, in the same order.
+    targets : ndarray of uint64, shape (M, N)
+        The targets that the camera sees from each cell, as bits like those of `camera_views`.
+    size : int
+        The width of the camera's view.
+    counts : ndarray of int32, shape (M, N)
+        How often each target is seen from some cells. All are 0 except while a function of this file runs.
     """
-    order = np.arange(len(first))
-    shortest = _best_ways(order, first, between, last)[0]
-    improved = True
-    while improved:
-        improved = False
-        for i in range(len(order)):
-            for j in range(len(order)):
-                for trial in (_moved(order, i, j), _turned(order, i, j)):
-                    length = _best_ways(trial, first, between, last)[0]
-                    if length < shortest:
-                        shortest, order, improved = length, trial, True
-    return order, _best_ways(order, first, between, last)[1]
+
+    targets: np.ndarray
+    size: int
+    counts: np.ndarray
 
 
 @kernel
-def _moved(order, i, j):
-    """Return the order with the zone at position i moved to position j."""
-    rest = np.append(order[:i], order[i + 1 :])
-    return np.concatenate((rest[:j], order[i : i + 1], rest[j:]))
+def _targets_in_view(views, size, target):
+    """Return the views of the camera without the cells that are no targets."""
+    seen, reach = np.zeros_like(views), size // 2
+    for r in range(views.shape[0]):
+        for c in range(views.shape[1]):
+            for bit in range(size * size):
+                one = np.uint64(1) << np.uint64(bit)
+                if views[r, c] & one and target[r + bit // size - reach, c + bit % size - reach]:
+                    seen[r, c] |= one
+    return seen
 
 
 @kernel
-def _turned(order, i, j):
-    """Return the order with the zones from position i to position j reversed (2-opt)."""
-    turned = order.copy()
-    turned[i : j + 1] = order[i : j + 1][::-1]
-    return turned
+def _count(cells, sight, by):
+    """Add ``by``, 1 or −1, to the counts of the targets once for each cell that sees them; return how many begin or cease to be 0."""
+    columns, reach, changed = sight.targets.shape[1], sight.size // 2, 0
+    for cell in cells:
+        view = sight.targets[cell // columns, cell % columns]
+        for y in range(cell // columns - reach, cell // columns + reach + 1):
+            for x in range(cell % columns - reach, cell % columns + reach + 1):
+                if view & np.uint64(1):
+                    changed += (sight.counts[y, x] == 0) + (sight.counts[y, x] + by == 0)
+                    sight.counts[y, x] += by
+                view >>= np.uint64(1)
+    return changed
+
+
+def _covered(path, sight):
+    """Return how many targets are seen from the cells of a path."""
+    cells = np.asarray(path, dtype=np.int64)
+    covered = _count(cells, sight, 1)
+    _count(cells, sight, -1)
+    return covered
 
 
 @kernel
-def _best_ways(order, first, between, last):
-    """Return the fewest moves for a tour in this order, and the way to sweep each zone, by dynamic programming."""
-    number, ways = len(order), first.shape[1]
-    moves = np.empty((number, ways), dtype=np.int64)
-    before = np.zeros((number, ways), dtype=np.int64)
-    moves[0] = first[order[0]]
-    for k in range(1, number):
-        for w in range(ways):
-            reached = moves[k - 1] + between[order[k - 1], :, order[k], w]
-            before[k, w] = np.argmin(reached)
-            moves[k, w] = reached[before[k, w]]
-    total = moves[-1] + last[order[-1]]
-    chosen = np.empty(number, dtype=np.int64)
-    chosen[-1] = np.argmin(total)
-    for k in range(number - 1, 0, -1):
-        chosen[k - 1] = before[k, chosen[k]]
-    return total[chosen[-1]], chosen
+def _trimmed(lane, sight):
+    """Return the lane without the cells at its beginning, and then at its end, that show no further targets."""
+    _count(lane, sight, 1)
+    first, end = 0, len(lane)
+    while end - first > 1 and _spare(lane[first : first + 1], sight):
+        first += 1
+    while end - first > 1 and _spare(lane[end - 1 : end], sight):
+        end -= 1
+    _count(lane[first:end], sight, -1)
+    return lane[first:end]
+
+
+@kernel
+def _spare(cells, sight):
+    """Take the cells out of the counts if every target is still seen without them; return whether it is."""
+    lost = _count(cells, sight, -1)
+    if lost > 0:
+        _count(cells, sight, 1)
+    return lost == 0
+
+
+@kernel
+def _own_targets(cells, ends, sight):
+    """Return how many targets each lane sees that no other one sees; the lanes are parts of ``cells`` that end at ``ends``."""
+    own, begin = np.empty(len(ends), dtype=np.int64), 0
+    _count(cells, sight, 1)
+    for k in range(len(ends)):
+        lane = cells[begin : ends[k]]
+        own[k] = _count(lane, sight, -1)
+        _count(lane, sight, 1)
+        begin = ends[k]
+    _count(cells, sight, -1)
+    return own
