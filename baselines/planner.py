@@ -3,9 +3,13 @@
 CPP: it plans once, by several searches of which the best counts, and then flies the plan. DH: it plans with expected rates, and
 improves the rest of the flights at every step, for the data that are really left. It stops searching when a plan gets
 everything. The settings of the searches are attributes of the agent.
+
+On a large map, one search starts from a tour of the places that pay most; in DH, it improves the next part of the flights
+every few steps.
 """
 
 from uavbench.planning import coverage, harvesting
+from uavbench.planning.distances import is_large
 from uavbench.world.city import HOVER, LAND, action_between, neighbour
 
 
@@ -22,19 +26,27 @@ class Agent:
         self._harvests = scenario.mission.kind == "harvesting"
         # The number of searches at the start, of which the best counts, and the changes that each of them tries.
         self.searches, self.changes = (12, 250_000) if self._harvests else (6, 500_000)
+        self.mending_interval, self.mending_horizon = 1, None  # steps from one mending to the next; cells that it may change
+        self._large = is_large(scenario.shape)
+        if self._large:
+            self.searches, self.changes = 1, (1_000 if self._harvests else 5_000) * scenario.budget[1]
+            self.tour_changes, self.heat = 20_000_000, 0.5
+            self.mending_interval, self.mending_horizon = 4, 100
 
     def reset(self, info):
         """Begin an episode."""
         self._seed = info["seed"] & 0xFFFFFFFF
         self._flights = {}
+        self._steps = 0
 
     def act_team(self, observations, infos):
         """Return the next action of each UAV's flight."""
         states = [info["state"] for info in infos]
         if not self._flights:
             self._plan(states)
-        elif self._harvests:
+        elif self._harvests and self._steps % self.mending_interval == 0:
             self._mend(states)
+        self._steps += 1
         held = [state.position for state in states]
         actions = []
         for k, state in enumerate(states):  # UAVs act in order: those before this one have already moved
@@ -52,12 +64,13 @@ class Agent:
     def _plan(self, states):
         """Search several times for flights of the whole team, until some get everything, and keep the best."""
         if self._harvests:
-            self._rates = harvesting.expected_rates(self._scenario, states[0].device_cell, states[0].city)
-        best = self._search(states, self._seed, self.changes)
+            self._rates = harvesting.rates_for(self._scenario, states[0].device_cell, states[0].city)
+        start = {"first": self._tours(states), "hot": self.heat} if self._large else {}
+        best = self._search(states, self._seed, self.changes, **start)
         for k in range(1, self.searches):
             if self._is_everything(states, best):
                 break
-            best = max(best, self._search(states, self._seed + k, self.changes), key=lambda plan: plan.value)
+            best = max(best, self._search(states, self._seed + k, self.changes, **start), key=lambda plan: plan.value)
         self._flights = {state.uav: flight for state, flight in zip(states, best.flights, strict=True)}
 
     def _mend(self, states):
@@ -65,7 +78,8 @@ class Agent:
         first = [self._flights[state.uav] for state in states]
         if self._harvests and self._is_everything(states, self._search(states, self._seed, 0, first=first)):
             return
-        plan = self._search(states, self._seed, self.mending_changes, first=first, hot=self.mending_heat)
+        more = {"horizon": self.mending_horizon} if self._harvests else {}
+        plan = self._search(states, self._seed, self.mending_changes, first=first, hot=self.mending_heat, **more)
         self._flights = {state.uav: flight for state, flight in zip(states, plan.flights, strict=True)}
 
     def _is_everything(self, states, plan):
@@ -75,16 +89,28 @@ class Agent:
 
     def _search(self, states, seed, changes, **more):
         """Search for flights; in a team, each UAV keeps some actions in reserve, because another may be in its way."""
-        starts, slack = [state.position for state in states], 2 * (len(states) - 1)
-        needed = [len(flight) for flight in more.get("first", ())] or [
-            int(s.city.distance_to_landing[s.position]) + 1 for s in states
-        ]
-        budgets = [max(state.budget - slack, need) for state, need in zip(states, needed, strict=True)]
+        starts, budgets = self._problem(states, [len(flight) for flight in more.get("first", ())])
         more |= {"seed": seed, "moves": changes, "city": states[0].city}
         if self._harvests:
             devices, data = states[0].device_cell, states[0].device_data
             return harvesting.search(self._scenario, self._rates, devices, data, starts, budgets, **more)
         return coverage.search(self._scenario, states[0].target, starts, budgets, **more)
+
+    def _tours(self, states):
+        """Return first flights for a large map."""
+        starts, budgets = self._problem(states)
+        city, more = states[0].city, {"seed": self._seed, "changes": self.tour_changes}
+        if self._harvests:
+            return harvesting.first_flights(states[0].device_data, states[0].device_cell, starts, budgets, city, **more)
+        return coverage.first_flights(self._scenario, states[0].target, starts, budgets, city, **more)
+
+    @staticmethod
+    def _problem(states, needed=()):
+        """Return the UAVs' cells, and the actions that their flights may take; at least what is needed."""
+        slack = 2 * (len(states) - 1)
+        needed = needed or [int(s.city.distance_to_landing[s.position]) + 1 for s in states]
+        budgets = [max(state.budget - slack, need) for state, need in zip(states, needed, strict=True)]
+        return [state.position for state in states], budgets
 
     @staticmethod
     def _around(state, flight, others):

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.planning.changes import propose
+from uavbench.planning.distances import Distances, distances_of
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
-from uavbench.planning.paths import distance_table, pick
+from uavbench.planning.paths import pick
+from uavbench.planning.tours import first_flight
 from uavbench.simulation.missions.coverage import camera_views
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
@@ -22,6 +24,8 @@ from uavbench.world.scenario import Scenario
 
 _LENGTH_PRICE = 0.05  # targets that a move costs in the search: shorter flights leave budget for other moves
 HOT, _COLD = 2.0, 0.15
+_STOPS = 2_000  # the most places that a tour chooses from
+_FEWEST = 0.3  # places from which the camera newly sees a smaller share of its square are left to the search
 
 
 def search(
@@ -67,8 +71,8 @@ def search(
         paths,
         lengths,
         np.array(budgets, dtype=np.int64) - 1,
-        distance_table(city),
-        city.shape[1],
+        distances_of(city),
+        city.shape,
         landing_numbers(city),
         seen,
         number,
@@ -78,6 +82,63 @@ def search(
         hot,
     )
     return Plan(unpack(city, paths, lengths), float(covered))
+
+
+def first_flights(
+    scenario: Scenario,
+    target: NDArray[np.float32],
+    starts: Sequence[Cell],
+    budgets: Sequence[int],
+    city: City,
+    *,
+    seed: int,
+    changes: int,
+) -> list[list[Cell]]:
+    """Return flights for `search` to start from on a large map: tours of places from which the camera sees many targets.
+
+    Each UAV plans for the targets that those before it leave. The parameters are those of `search`; ``changes`` of each tour
+    are tried.
+    """
+    seen, number = _targets_seen(scenario, target, city)
+    flights: list[list[Cell]] = []
+    covered = np.zeros(max(1, int((target > 0).sum())), dtype=np.bool_)
+    for start, budget in zip(starts, budgets, strict=True):
+        stops, prizes = _cover(seen, number, covered.copy(), _FEWEST * seen.shape[1])
+        best = np.sort(np.argsort(-prizes, kind="stable")[:_STOPS])
+        cells = np.stack(np.divmod(stops[best], city.shape[1]), axis=1).astype(np.int32)
+        flight = first_flight(city, start, budget, cells, prizes[best], seed, changes)
+        for r, c in flight[1:]:
+            cell = r * city.shape[1] + c
+            covered[seen[cell, : number[cell]]] = True
+        flights.append(flight)
+    return flights
+
+
+@kernel
+def _cover(
+    seen: NDArray[np.int32], number: NDArray[np.int32], covered: NDArray[np.bool_], fewest: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return cells that together see most targets, and how many each adds to those before it: a greedy set cover.
+
+    A cell that adds less than ``fewest`` targets is left out. Marks in ``covered`` the targets that are seen.
+    """
+    fresh = number.copy()  # how many targets each cell adds; what is out of date is too large
+    cells, prizes = [np.int64(0) for _ in range(0)], [0.0 for _ in range(0)]
+    for level in range(seen.shape[1], 0, -1):
+        if level < fewest:
+            break
+        for cell in range(len(fresh)):
+            if fresh[cell] < level:
+                continue
+            fresh[cell] = 0
+            for k in range(number[cell]):
+                fresh[cell] += not covered[seen[cell, k]]
+            if fresh[cell] == level:
+                cells.append(np.int64(cell))
+                prizes.append(float(level))
+                covered[seen[cell, : number[cell]]] = True
+                fresh[cell] = 0
+    return np.array(cells, dtype=np.int64), np.array(prizes)
 
 
 def _targets_seen(scenario: Scenario, target: NDArray[np.float32], city: City) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
@@ -120,8 +181,8 @@ def _anneal(
     paths: NDArray[np.int32],
     lengths: NDArray[np.int64],
     longest: NDArray[np.int64],
-    distance: NDArray[np.int16],
-    cols: int,
+    distance: Distances,
+    shape: tuple[int, int],
     landing: NDArray[np.int32],
     seen: NDArray[np.int32],
     number: NDArray[np.int32],
@@ -145,7 +206,7 @@ def _anneal(
         temperature *= cooling
         u = pick(cursor, len(paths))
         path, length = paths[u], lengths[u]
-        first, after, size = propose(path, length, distance, cols, landing, targets, counts, False, cursor, new)
+        first, after, size = propose(path, length, distance, shape, landing, targets, counts, False, length + 1, cursor, new)
         grown = length + size - (after - first - 1)
         if size < 0 or grown > longest[u]:
             continue

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.planning.paths import distance_table, walk
+from uavbench.planning.paths import follow
 from uavbench.world.city import City
 
 Cell = tuple[int, int]
@@ -41,16 +41,16 @@ def pack(
     If ``flights`` is None, they are shortest paths to the nearest landing cell.
     """
     cols = city.shape[1]
-    distance = distance_table(city)
-    landing = landing_numbers(city)
     paths = np.zeros((len(starts), max(budgets) + 2), dtype=np.int32)
     lengths = np.zeros(len(starts), dtype=np.int64)
     for u, (r, c) in enumerate(starts):
         if flights is None:
             here = r * cols + c
             paths[u, 0] = here
-            nearest = int(landing[np.argmin(distance[here, landing])])
-            lengths[u] = walk(distance, cols, here, nearest, True, cursor, paths[u], 1) - 1
+            away = city.distances((r, c))[city.landing_cells[:, 0], city.landing_cells[:, 1]]
+            nearest = city.landing_cells[np.argmin(np.where(away >= 0, away, np.iinfo(away.dtype).max))]
+            onward = city.distances(nearest).reshape(-1)
+            lengths[u] = follow(onward, cols, here, cols, here, True, cursor, paths[u], 1) - 1
         else:
             cells = np.array(flights[u], dtype=np.int32).reshape(-1, 2)
             lengths[u] = len(cells) - 1

@@ -11,52 +11,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.planning.changes import propose
+from uavbench.planning.distances import Distances, distances_of, is_large
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
-from uavbench.planning.paths import distance_table, pick
-from uavbench.simulation.missions.channel import Channel, channel_of, log_snr_of
+from uavbench.planning.nearby import anneal, new_record, new_trial
+from uavbench.planning.paths import pick
+from uavbench.planning.rates import NearRates, action_of, expected_rates, near_rates
+from uavbench.planning.tours import first_flight
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
-from uavbench.world.parameters import Harvesting
 from uavbench.world.scenario import Scenario
 
 _LENGTH_PRICE = 0.02  # data units that a move costs in the search: shorter flights leave budget for other moves
 HOT, _COLD = 1.5, 0.03
-_NODES = 9  # of the Gauss-Hermite rule for means over the fading
-_ACTIONS = 5  # the actions with communication: four moves and hovering
 
 
-def expected_rates(scenario: Scenario, devices: NDArray[np.int32], city: City | None = None) -> NDArray[np.float32]:
-    """Return the expected rate of each device, in data units per communication step.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        A DH scenario.
-    devices : ndarray of int32, shape (K, 2)
-        Their cells.
-    city : City, optional
-        The city; by default the scenario's only one.
-
-    Returns
-    -------
-    ndarray of float32, shape (MN, 5, communication steps, K)
-        By the cell (row-major) where an action begins, the action (0 to 4), its communication step, and the device. 0 for
-        actions that are blocked.
-    """
-    assert isinstance(scenario.mission, Harvesting)
-    city = city or city_of(scenario)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(_NODES)
-    channel = channel_of(scenario.mission, city.shape)
-    sight = np.array([city.visible(cell) for cell in devices.tolist()], dtype=np.bool_).reshape(-1, *city.shape)
-    rates = np.zeros((city.no_fly.size, _ACTIONS, channel.steps, len(devices)), dtype=np.float32)
-    _fill_rates(devices, sight, city.no_fly, channel, nodes, weights / weights.sum(), rates)
-    return rates
+def rates_for(scenario: Scenario, devices: NDArray[np.int32], city: City) -> NDArray[np.float32] | NearRates:
+    """Return the rates that `search` needs: `expected_rates`, or on a large map `near_rates`."""
+    return near_rates(scenario, devices, city) if is_large(city.shape) else expected_rates(scenario, devices, city)
 
 
 def search(
     scenario: Scenario,
-    rates: NDArray[np.float32],
+    rates: NDArray[np.float32] | NearRates,
     devices: NDArray[np.int32],
     data: NDArray[np.float64],
     starts: Sequence[Cell],
@@ -66,6 +43,7 @@ def search(
     moves: int,
     first: Sequence[Sequence[Cell]] | None = None,
     hot: float = HOT,
+    horizon: int | None = None,
     city: City | None = None,
 ) -> Plan:
     """Search for flights that together are expected to collect as much data as possible.
@@ -74,25 +52,35 @@ def search(
     ----------
     scenario : Scenario
         A DH scenario.
-    rates : ndarray of float32
-        `expected_rates` of the devices.
+    rates : ndarray of float32, or NearRates
+        `rates_for` the devices.
     devices : ndarray of int32, shape (K, 2)
         Their cells.
     data : ndarray of float64, shape (K,)
         Data left at each device.
     starts, budgets, seed, moves, first, hot, city
         As for `uavbench.planning.coverage.search`; the temperature is in data units.
+    horizon : int, optional
+        Only changes that begin in the first cells of a flight, so many, are tried; by default all.
+
+    Notes
+    -----
+    On a large map, the flights of a team are improved one after the other, each for the data that those before it leave.
     """
     city = city or city_of(scenario)
     cols = city.shape[1]
     cursor = np.array([seed], dtype=np.uint64)
     paths, lengths = pack(city, starts, budgets, first, cursor)
+    horizon = horizon or paths.shape[1]
+    if isinstance(rates, NearRates):
+        value = _search_nearby(city, paths, lengths, budgets, rates, data, cursor, moves, hot, horizon)
+        return Plan(unpack(city, paths, lengths), value)
     value = _anneal(
         paths,
         lengths,
         np.array(budgets, dtype=np.int64) - 1,
-        distance_table(city),
-        cols,
+        distances_of(city),
+        city.shape,
         landing_numbers(city),
         (devices[:, 0] * cols + devices[:, 1]).astype(np.int64),
         rates,
@@ -100,54 +88,73 @@ def search(
         cursor,
         moves,
         hot,
+        horizon,
     )
     return Plan(unpack(city, paths, lengths), float(value))
 
 
-@kernel
-def _fill_rates(
+def _search_nearby(
+    city: City,
+    paths: NDArray[np.int32],
+    lengths: NDArray[np.int64],
+    budgets: Sequence[int],
+    rates: NearRates,
+    data: NDArray[np.float64],
+    cursor: NDArray[np.uint64],
+    moves: int,
+    hot: float,
+    horizon: int,
+) -> float:
+    """Anneal flights one after the other, each for the data that those before it leave; return the data they collect."""
+    left = np.array(data, dtype=np.float64)
+    flown, trial = new_record(rates, paths.shape[1]), new_trial(rates, paths.shape[1])
+    fixed = distances_of(city), city.shape, landing_numbers(city), rates
+    share = moves // len(paths)
+    for u in range(len(paths)):
+        lengths[u] = anneal(
+            paths[u], lengths[u], budgets[u] - 1, *fixed, left, cursor, share, hot, horizon, flown, trial
+        )
+    return float(np.sum(data) - left.sum())
+
+
+def first_flights(
+    data: NDArray[np.float64],
     devices: NDArray[np.int32],
-    sight: NDArray[np.bool_],
-    no_fly: NDArray[np.bool_],
-    channel: Channel,
-    nodes: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    rates: NDArray[np.float32],
-) -> None:
-    """Write the expected rates for every action that is not blocked."""
-    rows, cols = no_fly.shape
-    for cell in range(rows * cols):
-        r0, c0 = cell // cols, cell % cols
-        for action in range(5):
-            r1 = r0 + (-1, 0, 1, 0, 0)[action]
-            c1 = c0 + (0, 1, 0, -1, 0)[action]
-            if not (0 <= r1 < rows and 0 <= c1 < cols) or no_fly[r0, c0] or no_fly[r1, c1]:
-                continue
-            for k in range(channel.steps):
-                share = (k + 1) / channel.steps
-                r, c = r0 + share * (r1 - r0), c0 + share * (c1 - c0)
-                y, x = round(r), round(c)
-                for j in range(len(devices)):
-                    clear = int(sight[j, y, x])
-                    level = log_snr_of(channel, devices[j, 0], devices[j, 1], r, c, clear)
-                    mean = 0.0
-                    for n in range(len(nodes)):
-                        mean += weights[n] * math.log2(1.0 + math.exp(level + channel.fading[clear] * nodes[n]))
-                    rates[cell, action, k, j] = mean
+    starts: Sequence[Cell],
+    budgets: Sequence[int],
+    city: City,
+    *,
+    seed: int,
+    changes: int,
+) -> list[list[Cell]]:
+    """Return flights for `search` to start from on a large map: tours of the devices, one UAV after the other.
+
+    The parameters are those of `search`; ``changes`` of each tour are tried.
+    """
+    places = np.array([_place(city, device) for device in devices.tolist()], dtype=np.int32).reshape(-1, 2)
+    left = data > 0.0
+    flights: list[list[Cell]] = []
+    for start, budget in zip(starts, budgets, strict=True):
+        stops = np.flatnonzero(left)
+        flight = first_flight(city, start, budget, places[stops], data[stops], seed, changes)
+        visited = set(flight)
+        left &= [tuple(place) not in visited for place in places.tolist()]
+        flights.append(flight)
+    return flights
+
+
+def _place(city: City, device: Sequence[int]) -> Cell:
+    """Return the cell nearest to a device from which a UAV can fly to a landing cell."""
+    rows, cols = np.indices(city.shape)
+    square = np.where(city.distance_to_landing >= 0, (rows - device[0]) ** 2 + (cols - device[1]) ** 2, 2 * rows.size)
+    r, c = divmod(int(np.argmin(square)), city.shape[1])
+    return r, c
 
 
 @kernel
 def _serve(here: int, there: int, cols: int, rates: NDArray[np.float32], left: NDArray[np.float64]) -> float:
     """Serve devices during the action from cell ``here`` to ``there`` (a move or hovering); return the data collected."""
-    action = 4
-    if there == here - cols:
-        action = 0
-    elif there == here + 1:
-        action = 1
-    elif there == here + cols:
-        action = 2
-    elif there == here - 1:
-        action = 3
+    action = action_of(here, there, cols)
     collected = 0.0
     for k in range(rates.shape[2]):
         best, highest = -1, 0.0
@@ -190,8 +197,8 @@ def _anneal(
     paths: NDArray[np.int32],
     lengths: NDArray[np.int64],
     longest: NDArray[np.int64],
-    distance: NDArray[np.int16],
-    cols: int,
+    distance: Distances,
+    shape: tuple[int, int],
     landing: NDArray[np.int32],
     aims: NDArray[np.int64],
     rates: NDArray[np.float32],
@@ -199,8 +206,10 @@ def _anneal(
     cursor: NDArray[np.uint64],
     moves: int,
     hot: float,
+    horizon: int,
 ) -> float:
     """Anneal the flights in place (cells 0 to ``lengths`` of each row); return the data that the best flights collect."""
+    cols = shape[1]
     left = np.zeros((paths.shape[1], len(data)))
     total = np.zeros(paths.shape[1])
     left[0] = data
@@ -209,14 +218,14 @@ def _anneal(
     value = collected - _LENGTH_PRICE * lengths.sum()
     best, best_lengths, best_value, best_collected = paths.copy(), lengths.copy(), value, collected
     served = np.zeros(len(aims), dtype=np.int32)  # always 0: flights should come near to all devices
-    new = np.empty(2 * paths.shape[1] + 8 * distance.shape[0], dtype=np.int32)
+    new = np.empty(2 * paths.shape[1] + 8 * shape[0] * shape[1], dtype=np.int32)
     before = np.empty(paths.shape[1], dtype=np.int32)
     temperature, cooling = hot, (_COLD / hot) ** (1.0 / max(1, moves))
     for _ in range(moves):
         temperature *= cooling
         u = pick(cursor, len(paths))
         path, length = paths[u], lengths[u]
-        first, after, size = propose(path, length, distance, cols, landing, aims, served, True, cursor, new)
+        first, after, size = propose(path, length, distance, shape, landing, aims, served, True, horizon, cursor, new)
         grown = length + size - (after - first - 1)
         if size < 0 or grown > longest[u]:
             continue

@@ -1,31 +1,11 @@
-"""Shortest paths between all cells of a city, for searches that look them up millions of times."""
-
-from functools import lru_cache
+"""Paths on a map."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from uavbench.world.city import City
+from uavbench.planning.distances import Distances, distances_to
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_integer
-
-#: The value in a table of distances for pairs of cells without a path.
-FAR = np.int16(np.iinfo(np.int16).max)
-
-
-@lru_cache(maxsize=8)
-def distance_table(city: City) -> NDArray[np.int16]:
-    """Return the number of moves between all pairs of cells, in row-major order; shape (MN, MN), `FAR` where there is no path.
-
-    The size of the table is quadratic in the number of cells: 2 MB at 32×32, 12.5 MB at 50×50.
-    """
-    rows, cols = city.shape
-    table = np.full((rows * cols, rows * cols), FAR, dtype=np.int16)
-    for r, c in np.argwhere(~city.no_fly).tolist():
-        away = city.distances((r, c)).reshape(-1)
-        table[r * cols + c] = np.where(away >= 0, away, FAR)
-    table.flags.writeable = False
-    return table
 
 
 @kernel
@@ -35,8 +15,15 @@ def pick(cursor: NDArray[np.uint64], count: int) -> int:
 
 
 @kernel
+def reaches(distance: Distances, cols: int, here: int, there: int) -> bool:
+    """Return whether a path from ``here`` to ``there`` is known."""
+    _to, _wide, at = distances_to(distance, cols, here, there)
+    return at >= 0
+
+
+@kernel
 def walk(
-    distance: NDArray[np.int16],
+    distance: Distances,
     cols: int,
     here: int,
     there: int,
@@ -47,20 +34,40 @@ def walk(
 ) -> int:
     """Append a shortest path from ``here`` (not written) to ``there`` (written) to ``out``, which holds ``length`` cells.
 
-    Of the shortest paths, it takes one with few bends if ``straight``, else a random one. A path must exist. Returns the new
-    length.
+    Of the shortest paths, it takes one with few bends if ``straight``, else a random one. A path must be known: see `reaches`.
+    Returns the new length.
     """
-    to = distance[there]
+    to, wide, at = distances_to(distance, cols, here, there)
+    return follow(to, wide, at, cols, here, straight, cursor, out, length)
+
+
+@kernel
+def follow(
+    to: NDArray[np.integer],
+    wide: int,
+    at: int,
+    cols: int,
+    here: int,
+    straight: bool,
+    cursor: NDArray[np.uint64],
+    out: NDArray[np.int32],
+    length: int,
+) -> int:
+    """Append a shortest path from ``here`` to the cell where ``to`` is 0, as `walk`.
+
+    ``to`` holds the moves to that cell from each cell of a part of the map with ``wide`` columns, in which ``here`` has the
+    index ``at``.
+    """
     heading = pick(cursor, 4)
-    while here != there:
+    while to[at] > 0:
         turn = 0 if straight else pick(cursor, 4)
         for k in range(4):
             way = (heading + turn + k) & 3
-            step = (-cols, 1, cols, -1)[way]
-            # `_beside` refuses steps across the left or right edge of the map, which lead to another row.
-            near = here + step
-            if 0 <= near < len(to) and to[near] == to[here] - 1 and _beside(here, near, cols):
-                heading, here = way, near
+            # `_beside` refuses steps across the left or right edge of the part, which lead to another row.
+            near = at + (-wide, 1, wide, -1)[way]
+            if 0 <= near < len(to) and to[near] == to[at] - 1 and _beside(at, near, wide):
+                heading, at = way, near
+                here += (-cols, 1, cols, -1)[way]
                 break
         out[length] = here
         length += 1
