@@ -99,7 +99,9 @@ class Agent:
                 continue
             line = min(max(middle, 0), len(grid) - 1)  # the outermost may lie beyond the edge
             edges = np.flatnonzero(np.diff(wanted[line].astype(np.int8), prepend=0, append=0)).reshape(-1, 2).tolist()
-            lines.append([(begin, end, _trimmed(np.ascontiguousarray(grid[line, begin:end]), self._sight)) for begin, end in edges])
+            lines.append(
+                [(begin, end, _trimmed(np.ascontiguousarray(grid[line, begin:end]), self._sight)) for begin, end in edges]
+            )
         return lines
 
     def _moves(self, here, there):
@@ -235,7 +237,7 @@ def _targets_in_view(views, size, target):
 
 @kernel
 def _count(cells, sight, by):
-    """Add ``by``, 1 or −1, to the counts of the targets once for each cell that sees them; return how many begin or cease to be 0."""
+    """Add ``by``, 1 or −1, to the counts of targets, once for each cell that sees them; return how many become or were 0."""
     columns, reach, changed = sight.targets.shape[1], sight.size // 2, 0
     for cell in cells:
         view = sight.targets[cell // columns, cell % columns]

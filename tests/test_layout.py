@@ -122,6 +122,7 @@ LONG_SIGNATURES = {
     "envs/parallel_env.py:__init__": "keyword arguments, which PettingZoo takes flat",
     "bounds/harvesting.py:harvesting_bound": "a whole problem",
     "planning/coverage.py:search": "a whole problem",
+    "planning/harvesting.py:_search_nearby": "a whole problem, already read",
     "planning/harvesting.py:search": "a whole problem; those of a kind are one argument when the planner is next changed",
 }
 

@@ -1,7 +1,7 @@
 """Distances between cells, for searches that look them up millions of times.
 
-On small maps a table holds the distances between all pairs of cells. On large maps such a table would be too large, and a search
-changes a flight only a little at a time: it needs the distances between cells that are near each other.
+On small maps a table holds the distances between all pairs of cells. On large maps there is no memory for such a table, and a
+search changes a flight only a little at a time: it needs the distances between cells that are near each other.
 """
 
 from functools import lru_cache

@@ -71,9 +71,9 @@ def search(
     cols = city.shape[1]
     cursor = np.array([seed], dtype=np.uint64)
     paths, lengths = pack(city, starts, budgets, first, cursor)
-    horizon = horizon or paths.shape[1]
+    begins = horizon or paths.shape[1]
     if isinstance(rates, NearRates):
-        value = _search_nearby(city, paths, lengths, budgets, rates, data, cursor, moves, hot, horizon)
+        value = _search_nearby(city, paths, lengths, budgets, rates, data, cursor, moves, hot, begins)
         return Plan(unpack(city, paths, lengths), value)
     value = _anneal(
         paths,
@@ -88,7 +88,7 @@ def search(
         cursor,
         moves,
         hot,
-        horizon,
+        begins,
     )
     return Plan(unpack(city, paths, lengths), float(value))
 
@@ -111,9 +111,7 @@ def _search_nearby(
     fixed = distances_of(city), city.shape, landing_numbers(city), rates
     share = moves // len(paths)
     for u in range(len(paths)):
-        lengths[u] = anneal(
-            paths[u], lengths[u], budgets[u] - 1, *fixed, left, cursor, share, hot, horizon, flown, trial
-        )
+        lengths[u] = anneal(paths[u], lengths[u], budgets[u] - 1, *fixed, left, cursor, share, hot, horizon, flown, trial)
     return float(np.sum(data) - left.sum())
 
 

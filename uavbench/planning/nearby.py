@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from uavbench.planning.changes import propose
 from uavbench.planning.distances import Distances
-from uavbench.planning.paths import pick
 from uavbench.planning.rates import NearRates, action_of
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
@@ -165,9 +164,7 @@ def _serve(here: int, there: int, rates: NearRates, now: NDArray[np.float64], co
 
 
 @kernel
-def _fly(
-    path: NDArray[np.int32], length: int, rates: NearRates, data: NDArray[np.float64], cols: int, flown: Record
-) -> float:
+def _fly(path: NDArray[np.int32], length: int, rates: NearRates, data: NDArray[np.float64], cols: int, flown: Record) -> float:
     """Fly a whole flight, record it, and take what it collects out of ``data``; return the data collected."""
     total = 0.0
     for t in range(length):
@@ -211,7 +208,7 @@ def _left(
             begin = rates.begin[here]
             for n in range(begin, rates.begin[here + 1]):
                 if rates.devices[n] == device:
-                    return flown.after[k * flown.width + n - begin]
+                    return float(flown.after[k * flown.width + n - begin])
         k -= away  # the device was not near in any of the actions between
     return data[device]
 

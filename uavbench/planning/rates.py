@@ -32,7 +32,7 @@ class NearRates(NamedTuple):
     cells : ndarray of int32, shape (K, 2)
         The cells of the devices.
     begin : ndarray of int64, shape (MN + 1,)
-        Where the devices near a cell (row-major) begin in ``devices`` and ``rates``; they end where those of the next cell begin.
+        Where the devices near a cell (row-major) begin in ``devices`` and ``rates``; those of the next cell follow them.
     devices : ndarray of int32, shape (P,)
         The devices near each cell, for one cell after the other.
     rates : ndarray of float32, shape (P, 5, communication steps)

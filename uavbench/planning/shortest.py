@@ -53,7 +53,7 @@ def straight(here: int, there: int, columns: int) -> int:
 def moves_between(grid: Grid, here: int, there: int) -> int:
     """Return the number of moves on a shortest path between two cells that are not closed; −1 if there is no path.
 
-    This is A* (Hart, Nilsson and Raphael, IEEE Transactions on Systems Science and Cybernetics 4(2), 1968). The length of a path
+    This is A* (Hart, Nilsson, Raphael, IEEE Transactions on Systems Science and Cybernetics 4(2), 1968). The length of a path
     through a cell is at least the moves so far plus `straight` from the cell to the goal. A move towards the goal leaves this
     sum as it is, and any other move adds 2. So two stacks take the place of a priority queue: one for the present sum, and one
     for the next. The moves so far need not be kept: they are the sum minus `straight`.

@@ -91,7 +91,7 @@ def _order(
 @kernel
 def _leg(away: NDArray[np.int32], home: NDArray[np.int32], here: int, there: int) -> int:
     """Return the moves between two stops of a tour; ``there`` is −1 for the landing zone at its end."""
-    return home[here] if there < 0 else away[here, there]
+    return int(home[here]) if there < 0 else int(away[here, there])
 
 
 @kernel
@@ -122,14 +122,14 @@ def _anneal(
         temperature *= cooling
         kind = pick(cursor, 4)
         stop = 1 + pick(cursor, count - 1)
-        beside = near[stop, pick(cursor, near.shape[1])] if pick(cursor, _ANYWHERE) else tour[pick(cursor, size)]
-        here, at = place[stop], place[beside]
+        beside = int(near[stop, pick(cursor, near.shape[1])] if pick(cursor, _ANYWHERE) else tour[pick(cursor, size)])
+        here, at = int(place[stop]), int(place[beside])
         behind = at + pick(cursor, 2)  # a stop is put there: before or after the stop beside it
         more, longer = 0.0, 0
         low = high = -1
         if kind == 0 and here >= 0:  # leave out
             more = -prizes[stop]
-            longer = _bridge(away, home, tour, here, here)
+            longer = _bridge(away, home, tour, here)
         elif at < 0 or (kind != 3 and behind == 0):
             continue
         elif kind == 0:  # put in
@@ -138,13 +138,13 @@ def _anneal(
             if here >= 0 or at == 0:
                 continue
             more = prizes[stop] - prizes[beside]
-            before, after = tour[at - 1], tour[at + 1]
+            before, after = int(tour[at - 1]), int(tour[at + 1])
             longer = _leg(away, home, stop, after) + away[before, stop]
             longer -= _leg(away, home, beside, after) + away[before, beside]
         elif kind == 2:  # move to another place
             if here < 0 or behind == here or behind == here + 1:
                 continue
-            longer = _bridge(away, home, tour, here, here) + _detour(away, home, tour, stop, behind)
+            longer = _bridge(away, home, tour, here) + _detour(away, home, tour, stop, behind)
         else:  # reverse the stops from low to high, after which the stop and the one beside it follow each other
             if here < 0:
                 continue
@@ -153,9 +153,9 @@ def _anneal(
                 low, high = low - 1, high - 1
             if low < 1 or high <= low:
                 continue
-            before, after = tour[low - 1], tour[high + 1]
-            longer = away[before, tour[high]] + _leg(away, home, tour[low], after)
-            longer -= away[before, tour[low]] + _leg(away, home, tour[high], after)
+            before, after = int(tour[low - 1]), int(tour[high + 1])
+            longer = away[before, tour[high]] + _leg(away, home, int(tour[low]), after)
+            longer -= away[before, tour[low]] + _leg(away, home, int(tour[high]), after)
         if length + longer > longest:
             continue
         gain = more - price * longer
@@ -187,17 +187,17 @@ def _anneal(
 
 
 @kernel
-def _bridge(away: NDArray[np.int32], home: NDArray[np.int32], tour: NDArray[np.int64], low: int, high: int) -> int:
-    """Return how much longer a tour becomes, which is seldom above 0, without the stops from ``low`` to ``high``."""
-    before, after = tour[low - 1], tour[high + 1]
-    return _leg(away, home, before, after) - away[before, tour[low]] - _leg(away, home, tour[high], after)
+def _bridge(away: NDArray[np.int32], home: NDArray[np.int32], tour: NDArray[np.int64], index: int) -> int:
+    """Return how much longer a tour becomes without the stop at ``index``; this is 0 or negative."""
+    before, stop, after = int(tour[index - 1]), int(tour[index]), int(tour[index + 1])
+    return _leg(away, home, before, after) - int(away[before, stop]) - _leg(away, home, stop, after)
 
 
 @kernel
 def _detour(away: NDArray[np.int32], home: NDArray[np.int32], tour: NDArray[np.int64], stop: int, index: int) -> int:
     """Return how much longer a tour becomes with another stop at ``index``."""
-    before, after = tour[index - 1], tour[index]
-    return away[before, stop] + _leg(away, home, stop, after) - _leg(away, home, before, after)
+    before, after = int(tour[index - 1]), int(tour[index])
+    return int(away[before, stop]) + _leg(away, home, stop, after) - _leg(away, home, before, after)
 
 
 @kernel
