@@ -11,7 +11,8 @@ from worlds import COVERAGE, HARVESTING, draw_devices, draw_starts, draw_targets
 
 from uavbench.envs.parallel_env import UAVParallelEnv
 from uavbench.planning import coverage, harvesting
-from uavbench.planning.paths import FAR, distance_table
+from uavbench.planning.distances import FAR, distance_table
+from uavbench.planning.rates import expected_rates, near_rates
 from uavbench.world.city import city_of
 
 LAND = 5
@@ -65,14 +66,18 @@ def test_a_coverage_plan_covers_what_it_says(data, rows, camera, number, seed):
     assert plan.value == (seen & targets).sum()
 
 
+@pytest.mark.parametrize("large", [False, True])
 @settings(max_examples=40)
 @given(st.data(), maps(landing=(2, 3)), st.integers(0, 99))
-def test_a_harvesting_plan_collects_what_it_says_when_nothing_fades(data, rows, seed):
-    world = scenario(rows, {**HARVESTING, "fading_variance": {"los": 0.0, "nlos": 0.0}}, uavs=(1, 2))
+def test_a_harvesting_plan_collects_what_it_says_when_nothing_fades(large, data, rows, seed):
+    """Also by the search of large maps, whose rates are those of devices near the UAV: here all are near."""
+    quiet = {"fading_variance": {"los": 0.0, "nlos": 0.0}, "edge_snr": -5.0}
+    world = scenario(rows, {**HARVESTING, **quiet}, uavs=(1, 2))
     starts, devices = draw_starts(data, rows, 1), draw_devices(data, rows)
     budget = data.draw(st.integers(1, 40))
     cells = np.array([[r, c] for r, c, _ in devices], dtype=np.int32)
-    rates = harvesting.expected_rates(world, cells)
+    rates = near_rates(world, cells, city_of(world)) if large else expected_rates(world, cells)
+    assert not large or rates.reach >= max(world.shape)
     stored = np.array([each for *_, each in devices])
     plan = harvesting.search(world, rates, cells, stored, [tuple(starts[0])], [budget], seed=seed, moves=300)
     check_flights(plan, starts, [budget], world)
@@ -83,8 +88,8 @@ def test_a_harvesting_plan_collects_what_it_says_when_nothing_fades(data, rows, 
 
 def test_expected_rates_are_means_over_the_fading():
     world = scenario(("......", ".LL.#.", "......", "......"), HARVESTING)
-    rates = harvesting.expected_rates(world, np.array([[3, 5]], dtype=np.int32))
-    quiet = harvesting.expected_rates(
+    rates = expected_rates(world, np.array([[3, 5]], dtype=np.int32))
+    quiet = expected_rates(
         scenario(world.rows, {**HARVESTING, "fading_variance": {"los": 0.0, "nlos": 0.0}}), np.array([[3, 5]], dtype=np.int32)
     )
     normal = np.random.default_rng(0).standard_normal(200_000)
@@ -132,7 +137,7 @@ def test_the_same_seed_finds_the_same_plan(name):
     else:
         world = scenario(rows, HARVESTING)
         cells = np.array([[4, 7], [0, 6], [4, 0]], dtype=np.int32)
-        rates = harvesting.expected_rates(world, cells)
+        rates = expected_rates(world, cells)
         plans = [harvesting.search(world, rates, cells, np.full(3, 9.0), [(1, 1)], [20], seed=s, moves=20) for s in (3, 3, 4)]
     assert plans[0] == plans[1]
     assert plans[0].flights != plans[2].flights
