@@ -31,6 +31,7 @@ _PRIZE = 100  # of a target or data unit, in moves: so large that the solver doe
 _ACTION = 1e-3  # cost of an action in targets or data units: of two tours that yield the same, the shorter one is better
 # The most that PyVRP charges for a move beyond the budget: about a stop's prize, so that its search may try too long tours.
 _PENALTY = 1000.0
+_LARGEST = 128 * 128  # cells: the table of moves between stops, and the solver, need minutes for larger maps
 
 
 class Stop(NamedTuple):
@@ -95,6 +96,10 @@ class Agent:
     def __init__(self, scenario):
         if scenario.team:
             raise ValueError(f"orienteering plans for one UAV; {scenario.id} is for teams: choose one without Team in its id")
+        if math.prod(scenario.shape) > _LARGEST:
+            raise ValueError(
+                f"orienteering takes too long on maps of more than 128×128 cells, as {scenario.id} has: choose planner"
+            )
         if importlib.util.find_spec("pyvrp") is None:
             raise ImportError("orienteering needs PyVRP: pip install 'uavbench[planning]'")
         self._scenario = scenario

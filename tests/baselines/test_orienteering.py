@@ -156,6 +156,11 @@ def test_teams_are_refused():
         ORIENTEERING.make(load_scenario("Manhattan32-CPP-Team-v0"))
 
 
+def test_large_maps_are_refused():
+    with pytest.raises(ValueError, match="more than 128×128 cells, as Test-v0 has: choose planner"):
+        ORIENTEERING.make(scenario(["L" + "." * 128] * 129))
+
+
 def test_without_pyvrp_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "pyvrp", None)
     with pytest.raises(ImportError, match=r"pip install 'uavbench\[planning\]'"):
