@@ -150,6 +150,14 @@ def test_cities_may_come_from_files_of_each_split(data):
     assert {rows_of(fresh.city_at(i).cells) for i in range(4)} <= set(drawn["test"])
 
 
+def test_a_slot_may_be_named_more_often_than_there_are_slots():
+    simulator = Simulator(many(), 2)
+    simulator.reset([0, 1], "test", [1, 2])
+    one = simulator.get_state([1])
+    simulator.set_state(one, [0] * 50)
+    assert simulator.city_at(0) is simulator.city_at(1)
+
+
 def test_the_same_city_is_the_same_object_and_no_city_is_the_scenarios():
     world = many()
     simulator = Simulator(world, 2)

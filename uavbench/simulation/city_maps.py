@@ -122,18 +122,17 @@ class CityWriter:
         source = scenario.cities
         self._counts = city_counts(source) if source is not None else None
         self._drawer = drawer_of(source) if source is not None and source.generator is not None else None
-        self._slots = np.empty(len(maps.city), dtype=np.int64)
-        self._new = np.empty(len(maps.city), dtype=np.uint64)
         self._most = max(1, _CELLS_AT_ONCE // (scenario.shape[0] * scenario.shape[1]))
 
     def enter(self, index: NDArray[np.int64], keys: NDArray[np.uint64]) -> None:
         """Write the maps of the cities of the episodes ``keys`` into the slots ``index``, where they are not there already."""
         if self._counts is None:
             return
-        number, trained = _list_new(index, keys, self._counts, self.keys, self._slots, self._new)
+        entered, cities = np.empty(len(index), dtype=np.int64), np.empty(len(index), dtype=np.uint64)
+        number, trained = _list_new(index, keys, self._counts, self.keys, entered, cities)
         for first in range(0, number, self._most):
             part = slice(first, min(number, first + self._most))
-            slots, new = self._slots[part], self._new[part]
+            slots, new = entered[part], cities[part]
             write_maps(slots, self._cells(new, trained), self._maps.ground, self._maps.blocks)
             self.keys[slots] = new  # only now, because to draw or to read the cities may fail
 
