@@ -4,6 +4,7 @@ When a digest here changes, the change is a new version of the id, not a new dig
 """
 
 import hashlib
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,6 +19,14 @@ from uavbench.world.episode import episode_keys, frozen_columns, split_size
 from uavbench.world.files import pack_arrays
 from uavbench.world.keyed import AGENT, stream
 
+
+class Counts(NamedTuple):
+    """How many episodes a split has, and how many cities if they are generated."""
+
+    episodes: int
+    cities: int
+
+
 SCENARIOS = {
     "Block8-CPP-v0": "43c301d74b011aec2cded9f226f0b5cfa92ba0ef5cc3b59dd37ddb892b0011b0",
     "Block8-DH-v0": "767f5aa4ad9e748439b66b0420142d6097125b7941a5a5e3a73b93cb1add9a00",
@@ -27,6 +36,14 @@ SCENARIOS = {
     "Cities32-DH-v0": "62edbf7a4bfca8a676f10d57a73ef05f74d5ca91e0d036b88a4dbb73c653a725",
     "Cities50-CPP-v0": "47ebdb042bf6ce95b6e516c6e3deb948265996d7e2033e98da6b5d0b75ae1b70",
     "Cities50-DH-v0": "922eecc5c3e1bf3ff308c7a339c76d1cc2a1fcc56e9f5bd1dd814264b2c4b3a1",
+    "City128-CPP-v0": "f7b06f35dfecb85eefcb29a82ebe6e77860dffb37ba611f5094895fed6153f50",
+    "City128-DH-v0": "111cd3ab072e50b3cc523279aebc855ebda4d865875d20e58bae77d5b65f6bb9",
+    "City256-CPP-v0": "2547ba4e96c1029023018f8469f5825d5fef6ba7733585733739a1079f2898e7",
+    "City256-DH-v0": "de1d325aefc8ed89ed0d6c1846e08f706e4b7ff397df8165855799b86c1bc085",
+    "City512-CPP-v0": "43d5b603f66c7fbd6ba9f34671d9f7d33c4690741509e183f939b3999e74836c",
+    "City512-DH-v0": "13b9befc8ce2c7d8d4b2bf7a5d72019dee1feb999cdd9d797d00fc95c16cd921",
+    "City64-CPP-v0": "5fe25986b0cf10f214245bc4ac4534d4d11771c45856129cca718b9432d44696",
+    "City64-DH-v0": "5fe0c7a1de20579e342fb6843251e28612d89efe36af3eca632afcadefc92235",
     "Helsinki32-CPP-v0": "9d59c61b57e3e4d6b4f53bff7e7d5416c390d10aa615a264a6b12a09f4da9444",
     "Helsinki32-DH-v0": "0b874b6290bc4b5ce0ec8141bc7bed4a97e5e8b0795aa62c16af325848829b62",
     "Helsinki50-CPP-v0": "fc74e279c7dc956dcbeab724af00ca03cf94d5ee14592215ea43dfa7e074825d",
@@ -56,6 +73,14 @@ TRANSITIONS = {
     "Cities32-DH-v0": "eef0b729d9797761185713aba8ef838a61c789d1c1ea616f73b9da1273b5cbb3",
     "Cities50-CPP-v0": "7adda95aef8fe230171f33356484b14d01c2a667e81c18bacf9e992dd78c6697",
     "Cities50-DH-v0": "bb7617d56f9fe8f59a3c005fb5d658403ba3c1c9fbb00bf8a842bd13aa813c20",
+    "City128-CPP-v0": "f2aa94e21889f62c8e963a2115deb3af89dc7b7c064f98454aa2c80d216d5d5c",
+    "City128-DH-v0": "5030f3082f25603627ae2e2fc31849c1953bbc3330fe2aa15adebd30cc174a16",
+    "City256-CPP-v0": "6db1874b082cccfa59d7d0620614003eb260219a88ab9b6965066f52c59fb67d",
+    "City256-DH-v0": "c1f4e1f9e78c6b1c9d11394575c8518f5fbe2472c69c3da120f399e28b1e463b",
+    "City512-CPP-v0": "e9c179954439da3e1d379add2df92e91c959efdeca679609337a6690fce0d930",
+    "City512-DH-v0": "1ce234363e3bf7be23ed0581d1add15a678d73e71d7b45207a534db314879112",
+    "City64-CPP-v0": "a64bba95efc52e96e16af83a279362211ab4a6249a9d7888a6d049054ef71786",
+    "City64-DH-v0": "f1a15a5b6d6d447bff3be9a9b6d06a7c7972c6095b833042ff38495cd1492bbe",
     "Helsinki32-CPP-v0": "c46984086a9eed2a9949e65278e8a72216abdbd984116092b0692c901da91659",
     "Helsinki32-DH-v0": "cd069da8c97da918e8b9cd328845d0ad648a4817ddd30fd03a1cd9479db4ce49",
     "Helsinki50-CPP-v0": "fa802c85595ff42b53f4533560b048bf5421d0d35cf6de8aec3d6d1e5a97a287",
@@ -114,7 +139,7 @@ def test_the_frozen_episodes_are_what_their_keys_draw(name, split):
         assert np.array_equal(drawn[column], frozen[column]), column
     named = scenario.splits.test if split == "test" else scenario.splits.validation
     assert hashlib.sha256(pack_arrays(drawn)).hexdigest() == named.sha256
-    assert len(drawn["key"]) == split_size(scenario, split) == {"test": 1000, "validation": 200}[split]
+    assert len(drawn["key"]) == split_size(scenario, split) == counts(name)[split].episodes
 
 
 @pytest.mark.parametrize("name", [name for name in SCENARIOS if load_scenario(name).cities])
@@ -124,8 +149,20 @@ def test_the_frozen_cities_are_what_their_keys_draw(name):
     for split, drawn in draw_frozen_cities(scenario).items():
         keys = city_keys(scenario, episode_keys(split, np.arange(len(drawn))))
         assert np.array_equal(cells_of_cities(scenario, keys), drawn)
-        assert len({cells.tobytes() for cells in drawn}) == len(drawn) == {"validation": 40, "test": 200}[split]
+        assert len({cells.tobytes() for cells in drawn}) == len(drawn) == counts(name)[split].cities
     assert scenario.cities.reach <= scenario.budget[1] // 2
+
+
+def is_large(name):
+    """Whether the id is one of the large maps, which have fewer episodes."""
+    return name.startswith(("City64", "City128", "City256", "City512"))
+
+
+def counts(name):
+    """Return the numbers of episodes and generated cities that the splits of an id have."""
+    if is_large(name):
+        return {"test": Counts(100, 20), "validation": Counts(40, 8)}
+    return {"test": Counts(1000, 200), "validation": Counts(200, 40)}
 
 
 def maps_of(scenario):
@@ -134,26 +171,33 @@ def maps_of(scenario):
     return np.array(list(CHARACTERS))[cells_of_cities(scenario, keys)]
 
 
+def check_range(values, bounds, exhausted):
+    """Check that integers are evenly spread over a range; ``exhausted`` if there are enough that each value occurs."""
+    low, high = bounds
+    assert low <= values.min() <= values.max() <= high
+    if exhausted:
+        assert set(np.unique(values)) == set(range(low, high + 1))
+    assert abs(values.mean() - (low + high) / 2) < 4 * (high - low) / np.sqrt(12 * len(values))
+
+
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_frozen_episodes_keep_the_rules(name):
     scenario = load_scenario(name)
-    rows, every = maps_of(scenario), np.arange(1000)
-    columns = draw(scenario, "test")
-    low, high = scenario.budget
-    assert columns["budget"].min() == low
-    assert columns["budget"].max() == high
-    start = columns["start"].reshape(1000, -1, 2)
+    rows, columns = maps_of(scenario), draw(scenario, "test")
+    every = np.arange(len(rows))
+    check_range(columns["budget"], scenario.budget, exhausted=not is_large(name))
+    start = columns["start"].reshape(len(rows), -1, 2)
     assert start.shape[1] == scenario.max_uavs
     assert (rows[every[:, None], start[..., 0], start[..., 1]] == "L").all()
     assert all(len({tuple(cell) for cell in cells}) == len(cells) for cells in start.tolist())
     if scenario.mission.kind == "coverage":
         targets = np.unpackbits(columns["targets"], axis=1, count=rows[0].size).astype(bool)
-        assert not (targets & np.isin(rows, ["#", "b"]).reshape(1000, -1)).any()
+        assert not (targets & np.isin(rows, ["#", "b"]).reshape(len(rows), -1)).any()
         assert targets.any(axis=1).all()
         assert targets.mean(axis=1).max() <= scenario.mission.target_fraction[1]
         return
     count, cell, data = columns["device_count"], columns["device_cell"], columns["device_data"]
-    assert set(np.unique(count)) == set(range(scenario.mission.devices[0], scenario.mission.devices[1] + 1))
+    check_range(count, scenario.mission.devices, exhausted=not is_large(name))
     for k in range(cell.shape[1]):
         there = count > k
         assert np.isin(rows[every[there], cell[there, k, 0], cell[there, k, 1]], [".", "N"]).all()

@@ -30,11 +30,12 @@ def check_row(result):
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", SUBMISSIONS, ids=lambda folder: f"{folder.parent.name}-{folder.name}")
 def test_official_flights_are_flown_again(folder):
-    """Flying all 1,000 episodes again takes hours: some of them are. All are replayed when the leaderboard is built."""
+    """Flying all episodes again takes hours: some of them are. All are replayed when the leaderboard is built."""
     submission = load_submission(folder)
     agent, scenario = find_agent(submission.manifest.name), submission.scenario
     actions, cral = submission.result.actions(), submission.result.episodes()["cral"]
-    for record in evaluate(Job(agent, scenario, "test"), [0, 500, 999]):
+    last = len(actions) - 1
+    for record in evaluate(Job(agent, scenario, "test"), [0, (last + 1) // 2, last]):
         if scenario.mission.exact:
             assert np.array_equal(record.actions, actions[record.episode])
         else:  # the last digit of another platform's logarithm may turn a choice

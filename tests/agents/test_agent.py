@@ -46,7 +46,10 @@ def test_it_decides_by_the_method_that_fits_the_scenario(name, alone, team):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("gredy", "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp"),
+        (
+            "gredy",
+            "built in are belief_planner, boustrophedon, ddqn, greedy, imitation, orienteering, planner, ppo, random, tsp",
+        ),
         ("missing.py", "missing.py: there is no such file"),
         ("missing.py:Class", "missing.py: there is no such file"),
     ],

@@ -111,7 +111,7 @@ def test_what_is_imported_within_a_function_counts_too(tmp_path):
 
 def test_baselines_that_are_imported_count():
     baselines = baseline_paths()
-    assert baselines["planner"] in agent_files(baselines["pilot"])
+    assert baselines["planner"] in agent_files(baselines["belief_planner"])
     assert agent_files(baselines["random"]) == [baselines["random"]]
 
 

@@ -70,6 +70,13 @@ def test_it_is_told_what_its_track_allows_and_holds_no_simulator(tmp_path):
     assert len(fly(source_of(tmp_path, act), episodes=1)) == 1
 
 
+def test_it_is_told_the_safe_actions_if_it_asks_for_them(tmp_path):
+    source = source_of(tmp_path, "\n        return int((info['action_mask'] & info['safe_action_mask']).nonzero()[0][-1])")
+    text = source.path.read_text(encoding="utf-8")
+    source.path.write_text(text.replace("class Agent:\n", "class Agent:\n    safe_mask = True\n"), encoding="utf-8")
+    assert len(fly(source, episodes=1)) == 1
+
+
 @pytest.mark.parametrize(
     ("act", "message"),
     [

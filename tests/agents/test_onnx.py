@@ -1,5 +1,7 @@
 """ONNX models: the same scores as the network they are of, and clear words about models that do not fit."""
 
+import shlex
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -47,8 +49,11 @@ def test_a_model_acts_as_the_network_it_is_of(weights, tmp_path):
 
 
 def test_a_model_says_on_what_it_was_trained(weights, tmp_path):
-    model = tmp_path / "model.onnx"
-    assert CliRunner().invoke(app, ["export", str(weights), str(model)]).exit_code == 0
+    model = tmp_path / "my model.onnx"
+    found = CliRunner().invoke(app, ["export", str(weights), str(model)])
+    assert found.exit_code == 0
+    words = ["uavbench", "evaluate", "--agent", str(model), "--scenario", CPP.id]
+    assert shlex.split(found.output.split("next:")[1]) == words
     assert find_agent(str(model)).trained_on == CPP.id
     said = {each.key.removeprefix("uavbench."): each.value for each in onnx.load(model).metadata_props}
     assert said.items() >= {"mission": "coverage", "layers": "4", "local_size": "9", "global_scale": "3"}.items()

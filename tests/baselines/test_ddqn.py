@@ -224,10 +224,11 @@ RENAMED = {
 
 
 def test_shipped_weights_fly_as_the_paper_says():
-    """The reference agent on the paper's scenarios: a few episodes of each; the leaderboard has all."""
-    shipped = shipped_weights("ddqn")
-    assert shipped.keys() == {f"{city}-{mission}-v0" for city in ("Manhattan32", "Urban50") for mission in ("CPP", "DH")}
+    """A few episodes of each scenario; the leaderboard has all. In cities that it has not seen, the agent is weaker."""
+    shipped, least = shipped_weights("ddqn"), {"Manhattan32": (0.9, 0.6), "Urban50": (0.9, 0.6), "Cities32": (0.75, 0.35)}
+    assert shipped.keys() == {f"{city}-{mission}-v0" for city in least for mission in ("CPP", "DH")}
     for name, path in shipped.items():
+        landed, cral = least[name.split("-")[0]]
         assert path.stat().st_size < 5_000_000
         record = load_weights(path)[1]
         config = {RENAMED.get(field, field): value for field, value in record["config"].items()}
@@ -235,8 +236,8 @@ def test_shipped_weights_fly_as_the_paper_says():
         assert (record["config_name"] == "finish") == (record.get("start_sha256") is not None)
         scenario = load_scenario(name)
         records = list(evaluate(Job(SOURCE, scenario, "validation"), range(50)))
-        assert np.mean([record.landed for record in records]) > 0.9
-        assert np.mean([record.cral for record in records]) > 0.6
+        assert np.mean([record.landed for record in records]) > landed
+        assert np.mean([record.cral for record in records]) > cral
         assert SOURCE.digest(scenario) not in (SOURCE.sha256, SOURCE.digest(CPP))
 
 

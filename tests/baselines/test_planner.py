@@ -52,6 +52,21 @@ def test_teams_always_land_and_beat_greedy(mission):
     assert np.mean(better) > 0.0
 
 
+@pytest.mark.parametrize("uavs", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("mission", ["CPP", "DH"])
+def test_flies_on_large_maps(mission, uavs):
+    """Where distances are known in windows only: better than greedy, and the same again."""
+    world = load_scenario(f"City128-{mission}-v0")
+    if uavs > 1:
+        same = {name: getattr(world, name) for name in type(world).model_fields}
+        world = type(world).model_validate({**same, "splits": {}, "uavs": (uavs, uavs)})
+    ours = [fly("planner", world, split="validation", episode=1) for _ in range(2)]
+    theirs, _ = fly("greedy", world, split="validation", episode=1)
+    assert ours[0][0]["landed"]
+    assert ours[0][0]["cral"] > theirs["cral"]
+    assert ours[0][1] == ours[1][1]
+
+
 def test_the_same_seed_flies_the_same():
     for name in ("Block8-CPP-v0", "Block8-DH-v0"):
         world = load_scenario(name)

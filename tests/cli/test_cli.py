@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -86,7 +87,7 @@ def test_help_has_examples_for_every_command(call):
         (["train", "nowhere.py"], "agent nowhere.py: there is no such file"),
         (
             ["evaluate", "--agent", "gredy"],
-            "built in are boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp",
+            "built in are belief_planner, boustrophedon, ddqn, greedy, imitation, orienteering, planner, ppo, random, tsp",
         ),
         (["evaluate", "--agent", "random", "--scenario", "Block9"], "unknown scenario"),
         (["evaluate", "--agent", "random", "--split", "tset"], "--split"),
@@ -96,8 +97,11 @@ def test_help_has_examples_for_every_command(call):
         (["compare", "nowhere", "elsewhere"], "summary.json: there is no such file"),
         (["freeze", "nowhere.toml"], "there is no such file"),
         (["new", "no/such/folder.py"], "cannot write it"),
+        (["new", f"{__file__}/agent.py"], "test_cli.py is a file, not a folder"),
         (["new", "my_agent"], "end in .py"),
         (["evaluate", "--agent", "random", "--out", __file__], "--out: cannot write"),
+        (["evaluate", "--agent", "random", "--out", __file__], "test_cli.py is a file, not a folder"),
+        (["show", "Block8-CPP-v0", "--save", f"{__file__}/map.png"], "test_cli.py is a file, not a folder"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_status_2(call, words, message):
@@ -106,6 +110,57 @@ def test_bad_input_is_one_line_and_exit_status_2(call, words, message):
     assert message in text
     assert text.count("\n") == 1
     assert not Path("results").exists()
+
+
+LEARNER = """
+from dataclasses import dataclass
+@dataclass(frozen=True)
+class Config:
+    updates: int = 1
+    validation: int = 1
+CONFIGS = {"tiny": Config()}
+class Agent:
+    def __init__(self, s, w): pass
+    def act(self, o, i): return 4
+class Learner:
+    updates = samples = 0
+    def __init__(self, scenario, config, seed): pass
+    def advance(self): self.updates += 1; return {}
+    def weights(self): return {}
+    def snapshot(self): return {}
+    def resume(self, arrays): pass
+"""
+
+
+@pytest.fixture
+def awkward():
+    """The path of an agent that a shell would take apart."""
+    folder = Path("my agents [1]")
+    folder.mkdir()
+    return folder / "it's mine.py"
+
+
+def test_the_command_after_new_can_be_pasted(call, awkward):
+    text = call("new", awkward)[1]
+    assert shlex.split(text.split("next:")[1]) == ["uavbench", "check", str(awkward)]
+
+
+def test_the_command_after_training_can_be_pasted(call, awkward):
+    pytest.importorskip("safetensors", reason="weights need the extra ddqn")
+    awkward.write_text(LEARNER)
+    text = call("train", awkward, "--config", "tiny", "--scenario", "Block8-CPP-v0", "--out", awkward.parent)[1]
+    (kept,) = awkward.parent.glob("Block8-CPP-v0/*.safetensors")
+    words = ["uavbench", "evaluate", "--agent", str(awkward), "--weights", str(kept), "--scenario", "Block8-CPP-v0"]
+    assert shlex.split(text.split("next:")[1]) == words
+
+
+def test_paths_are_printed_as_they_are(call):
+    folder = Path("[bold]results")
+    assert (
+        str(folder / "Block8-CPP-v0" / "random")
+        in call("evaluate", "--agent", "random", "--scenario", "Block8-CPP-v0", "--episodes", 2, "--out", folder)[1]
+    )
+    assert str(folder / "Block8-CPP-v0.csv") in call("bound", "Block8-CPP-v0", "--episodes", 0, "--out", folder)[1]
 
 
 def test_new_does_not_overwrite(call):

@@ -128,7 +128,7 @@ def test_the_spread_over_cities_counts_each_city_once():
     assert spread_over_cities(np.array([0.25, 0.75]), np.array([6, 6])) == Spread(1, 0.5, 0.0, 0.5, 0.5)
     many = np.arange(1000) % 200
     found = spread_over_cities(many / 199, many)
-    assert (found.cities, found.mean, found.lowest, found.highest) == pytest.approx((200, 0.5, 0.1, 0.9))
+    assert (found.cities, found.mean, found.tenth, found.ninetieth) == pytest.approx((200, 0.5, 0.1, 0.9))
 
 
 # In simulations, where the truth is known.
@@ -319,7 +319,7 @@ def test_means_of_resamples_stay_between_the_lowest_and_the_highest_score(data):
     assert values.min() - 1e-12 <= found.min() <= values.mean() + 1e-12
     assert values.mean() - 1e-12 <= found.max() <= values.max() + 1e-12
     spread = spread_over_cities(values, city)
-    assert values.min() <= spread.lowest <= spread.highest <= values.max()
+    assert values.min() <= spread.tenth <= spread.ninetieth <= values.max()
     assert spread.cities == len(set(city.tolist()))
 
 

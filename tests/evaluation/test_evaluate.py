@@ -7,7 +7,7 @@ import pytest
 
 import uavbench
 from uavbench import load_scenario
-from uavbench.agents.agent import find_agent
+from uavbench.agents.agent import AgentLoadError, find_agent
 from uavbench.evaluation.evaluate import NO_ACTION, AgentError, Job, evaluate
 from uavbench.simulation.simulator import Simulator
 from uavbench.simulation.state_view import StateView
@@ -90,6 +90,15 @@ def test_a_record_tells_what_happened():
 @pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0", TEAM])
 def test_the_state_track_shows_everything_and_nothing_can_be_written(scenario):
     assert len(scores(job("Seer", scenario), range(5))) == 5
+
+
+@pytest.mark.parametrize("scenario", ["Block8-CPP-v0", "Block8-DH-v0", "Cities32-CPP-v0"])
+def test_who_asks_for_safe_actions_is_told_them(scenario):
+    records = list(evaluate(job("Careful", scenario), range(30)))
+    assert all(record.landed for record in records)
+    assert not all(record.landed for record in evaluate(job("One", scenario), range(30)))
+    with pytest.raises(AgentLoadError, match=r"Careless\.safe_mask is 'yes'; use True or False"):
+        job("Careless", scenario).source.load()
 
 
 def test_an_agent_for_teams_flies_alone_too():

@@ -10,6 +10,7 @@ from commands import uavbench_command
 import uavbench
 from uavbench.evaluation.cities import spread_over_cities
 from uavbench.evaluation.metrics import mean_interval
+from uavbench.simulation.freeze import freeze
 from uavbench.world.maps import read_map
 from uavbench.world.scenario import ScenarioError
 from uavbench.world.shown_map import shown_city
@@ -94,6 +95,33 @@ def test_a_second_scenario_in_the_same_cities_keeps_their_file(towns, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("old", "new"), [('generator = "mixed-v0"', 'generator = "blocks-v0"'), ("reach = 15", "reach = 15\nlanding_cells = 9")]
+)
+def test_frozen_cities_of_another_generator_are_refused_until_drawn_anew(towns, tmp_path, old, new):
+    text = towns.read_text()
+    name = tomllib.loads(text)["cities"]["frozen"]["file"]
+    (tmp_path / "cities").mkdir()
+    (tmp_path / name).write_bytes((towns.parent / name).read_bytes())
+    changed = tmp_path / "towns.toml"
+    changed.write_text(text.split("[splits")[0])
+    shown_city(uavbench.load_scenario(changed), "test", 0)
+    assert old in text
+    changed.write_text(text.split("[splits")[0].replace(old, new, 1).replace("Towns-CPP-v0", "Other-CPP-v0", 1))
+    for act in (
+        lambda: shown_city(uavbench.load_scenario(changed), "test", 0),
+        lambda: freeze(uavbench.load_scenario(changed)),
+    ):
+        with pytest.raises(
+            ScenarioError, match=r"cities\.frozen\.file: .*choose a new id, remove \[cities\.frozen\]"
+        ) as caught:
+            act()
+        assert "\n" not in str(caught.value)
+    changed.write_text(TOWNS.split("[splits")[0].replace(old, new, 1).replace("Towns-CPP-v0", "Other-CPP-v0", 1))
+    changed.write_text(changed.read_text() + freeze(uavbench.load_scenario(changed)))
+    shown_city(uavbench.load_scenario(changed), "test", 0)
+
+
+@pytest.mark.parametrize(
     ("damage", "expected"),
     [
         (lambda path: path.unlink(), "there is no such file"),
@@ -134,10 +162,10 @@ def test_a_replay_checks_the_spread(flown, tmp_path):
     for path in flown["random"].folder.iterdir():
         (folder / path.name).write_bytes(path.read_bytes())
     summary = json.loads((folder / "summary.json").read_text())
-    summary["cral_over_cities"]["highest"] = 0.9
+    summary["cral_over_cities"]["ninetieth"] = 0.9
     (folder / "summary.json").write_text(json.dumps(summary))
     (wrong,) = uavbench.replay(uavbench.load_result(folder))
-    assert wrong.startswith("summary.json: cral_over_cities.highest is ")
+    assert wrong.startswith("summary.json: cral_over_cities.ninetieth is ")
     summary["cral_over_cities"] = [1, 2]
     (folder / "summary.json").write_text(json.dumps(summary))
     with pytest.raises(uavbench.UavbenchError, match="not a summary that uavbench evaluate wrote"):

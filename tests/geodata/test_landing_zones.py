@@ -44,10 +44,24 @@ def test_zones_are_in_the_open_if_that_is_not_too_near():
 
 
 def test_where_there_is_little_room_zones_are_small():
-    assert [zone[2:] for zone in choose_zones(cells_of(["####", "#..#", "#..#", "####"]))] == [(2, 2)]
+    assert [zone[2:] for zone in choose_zones(cells_of(["####", "#..#", "#.b#", "#..#"]))] == [(1, 1)]
+    assert [zone[2:] for zone in choose_zones(cells_of(["####", "#..#", "#..#", "#.##"]))] == [(2, 2)]
     assert choose_zones(cells_of(["####", "#.b#", "####", "####"])) == [(1, 1, 1, 1)]
-    with pytest.raises(GeodataError, match="no cell is free for a landing zone"):
-        choose_zones(cells_of(["bbbb"] * 4))
+
+
+@pytest.mark.parametrize(
+    "rows",
+    [["...", "...", "..."], ["####", "#..#", "#..#", "####"], ["#.##", "#.##", "####", "####"], ["....", "####", "####"]],
+)
+def test_zones_leave_something_to_fly_in(rows):
+    placed = place_zones(cells_of(rows), choose_zones(cells_of(rows)))
+    assert (placed == 1).any()
+    assert (placed == 0).any()
+
+
+@pytest.mark.parametrize("rows", [["bbbb"] * 4, ["NN#N"] * 4, [".#.#", "#.#.", ".#N#", "#.#."]])
+def test_where_no_uav_could_take_off_there_is_no_zone(rows):
+    assert choose_zones(cells_of(rows)) == []
 
 
 def test_zones_are_in_the_region_with_the_most_free_cells():
@@ -58,17 +72,33 @@ def test_zones_are_in_the_region_with_the_most_free_cells():
 @pytest.mark.parametrize(
     ("zone", "reason"),
     [
-        ((3, 0, 2, 1), "the landing zone 3,0,2,1 is not on the map of 4 rows × 4 columns"),
+        ((3, 0, 2, 1), "landing: the zone 3,0,2,1 is not on the map of 4 rows × 4 columns"),
         ((0, 4, 1, 1), "is not on the map"),
         ((0, 0, 0, 1), "is not on the map"),
         ((-1, 0, 1, 1), "is not on the map"),
-        ((0, 0, 2, 2), "the landing zone 0,0,2,2 is not free: row 1, column 1 is a building"),
+        ((0, 0, 2, 2), "landing: the zone 0,0,2,2 is not free: row 1, column 1 is a building"),
         ((2, 0, 1, 1), "row 2, column 0 is a low building"),
     ],
 )
 def test_a_given_zone_must_be_free(zone, reason):
     with pytest.raises(GeodataError, match=reason):
         place_zones(cells_of(["....", ".#..", "b...", "...."]), [zone])
+
+
+@pytest.mark.parametrize(
+    ("zones", "reason"),
+    [
+        (
+            [(0, 0, 1, 1), (0, 3, 2, 1)],
+            "no UAV can fly between the zones 0,0,1,1 and 0,3,2,1, because buildings or no-fly zones",
+        ),
+        ([(0, 0, 4, 2)], "landing: the zones leave no other cell that a UAV can fly to"),
+        ([(0, 0, 4, 1), (0, 1, 4, 1)], "landing: the zones leave no other cell that a UAV can fly to"),
+    ],
+)
+def test_given_zones_must_be_of_use(zones, reason):
+    with pytest.raises(GeodataError, match=reason):
+        place_zones(cells_of(["..#."] * 4), zones)
 
 
 def test_what_no_uav_can_reach_is_closed():

@@ -21,6 +21,7 @@ class One:
 
     def act(self, observation, info):
         assert observation["local"].ndim == observation["global"].ndim == 3
+        assert "safe_action_mask" not in info
         allowed = np.flatnonzero(info["action_mask"])
         if len(allowed) > 3 and observation["budget"][0] > self.most / 4:
             allowed = allowed[allowed != 5]
@@ -40,6 +41,22 @@ class Many(One):
             self.generator = self.generators[info["episode"]]
             actions.append(self.act({name: values[i] for name, values in observations.items()}, info))
         return np.array(actions)
+
+
+class Careful(One):
+    """Takes random actions that are valid and safe, so that it always lands."""
+
+    safe_mask = True
+
+    def act(self, observation, info):
+        allowed = np.flatnonzero(info["action_mask"] & info["safe_action_mask"])
+        return allowed[int(self.generator.random() * len(allowed))]
+
+
+class Careless(One):
+    """Says by a text what is said by True or False."""
+
+    safe_mask = "yes"
 
 
 class Seer:

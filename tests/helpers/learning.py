@@ -32,3 +32,18 @@ def spoilt(arrays, name, array):
     """Return ``arrays`` with one of them replaced by ``array``, or without it if ``array`` is None."""
     found = {**arrays, name: array}
     return {key: value for key, value in found.items() if value is not None}
+
+
+def check_resumes(make, updates):
+    """Check that a learner that goes on from a snapshot ends as one that was not interrupted, and another seed does not."""
+    torch.set_num_threads(1)
+    whole, first, second, other = make(), make(), make(), make(seed=1)
+    for learner, count in ((whole, updates), (first, updates // 2), (other, updates)):
+        for _ in range(count):
+            learner.advance()
+    second.resume({name: array.copy() for name, array in first.snapshot().items()})
+    for _ in range(updates - updates // 2):
+        second.advance()
+    ends = [{name: array.tobytes() for name, array in each.snapshot().items()} for each in (whole, second, other)]
+    assert ends[0] == ends[1]
+    assert ends[0] != ends[2]

@@ -9,7 +9,7 @@ from uavbench.leaderboard.submission import load_submission
 from uavbench.world.resources import baseline_paths, earlier_digests
 
 OFFICIAL = Path(__file__).parents[2] / "leaderboard" / "submissions"
-ENTRIES = sorted(path for name in baseline_paths() for path in (OFFICIAL / name).iterdir())
+ENTRIES = sorted(path for name in baseline_paths() for path in (OFFICIAL / name).glob("*"))
 
 
 def test_the_names_of_earlier_versions_are_those_of_built_in_agents():

@@ -113,7 +113,9 @@ def test_the_scatter_names_every_agent_and_names_do_not_meet(official, opened, s
     page = opened(official, **SIZES[size])
     for scenario in page.eval_on_selector_all("#scenario option", "all => all.map(option => option.value)"):
         page.select_option("#scenario", scenario)
-        flown = page.evaluate(f"DATA.rows.filter(row => row.scenario === '{scenario}' && row.entry).map(row => row.name)")
+        flown = page.evaluate(
+            f"DATA.rows.filter(row => row.scenario === '{scenario}' && row.tier !== 'published').map(row => row.name)"
+        )
         measure = "all => all.map(one => { const b = one.getBBox(); return [b.x, b.y, b.x + b.width, b.y + b.height]; })"
         boxes, points = (page.eval_on_selector_all(f"#scatter {each}", measure) for each in (".name", ".point"))
         assert sorted(page.eval_on_selector_all("#scatter .name", "all => all.map(one => one.dataset.name)")) == sorted(flown)
@@ -126,6 +128,16 @@ def test_the_scatter_names_every_agent_and_names_do_not_meet(official, opened, s
             for other in boxes[k + 1 :] + points:
                 apart = one[2] <= other[0] or other[2] <= one[0] or one[3] <= other[1] or other[3] <= one[1]
                 assert apart, (scenario, one, other)
+
+
+def test_says_why_flights_on_large_maps_cannot_be_watched(official, opened):
+    page = opened(official)
+    for scenario, watched in (("City128-CPP-v0", False), ("City64-CPP-v0", True)):
+        page.select_option("#scenario", scenario)
+        assert page.is_visible("#unseen") != watched
+        assert page.locator("#board .open").count() == page.locator("#board tr.opens").count()
+        assert (page.locator("#board .open").count() == page.locator("#board tr.entry").count()) == watched
+        assert page.locator("#board tr.published").count() == 0
 
 
 def test_one_agent_far_below_does_not_take_most_of_the_axis(official, opened):

@@ -143,7 +143,7 @@ def test_a_users_own_files_are_not_deleted(result, tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_named(result, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(SubmissionError, match=f"{tmp_path / 'file'}: File exists"):
+    with pytest.raises(SubmissionError, match=f"{tmp_path / 'file'}: .*/file is a file, not a folder"):
         submit([result], tmp_path / "file", name="a", authors=["b"])
 
 

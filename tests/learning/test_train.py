@@ -278,7 +278,7 @@ def test_a_learner_that_lacks_something_is_refused_at_once(tmp_path, old, new, r
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (["pilot", "--scenario", "Block8-DH-v0"], "pilot: Block8-DH-v0: pilot learns nothing in DH"),
+        (["imitation", "--scenario", "City128-DH-v0"], "imitation: City128-DH-v0: its maps are too large for a teacher"),
         (["ddqn", "--scenario", "Manhattan32-CPP-Team-v0"], "ddqn: ddqn learns to fly one UAV"),
         (["ddqn", "--scenario", "Block8-CPP-v0", "--out", "FILE"], "cannot write"),
         (["greedy"], "cannot be trained"),

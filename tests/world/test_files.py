@@ -14,6 +14,7 @@ import pytest
 
 from uavbench.world.files import (
     check_name,
+    check_writable,
     finish_moves,
     pack_arrays,
     replace_folders,
@@ -167,6 +168,16 @@ def test_files_are_written_together_or_none_is(tmp_path):
         write_together({first: b"new", second: b"new"})
     assert first.read_bytes() == b"old"
     assert sorted(each.name for each in tmp_path.iterdir()) == ["a", "b"]
+
+
+@pytest.mark.parametrize("use", [write_atomic, lambda path, _: check_writable(path.parent)])
+@pytest.mark.parametrize("name", ["file/new", "file/folder/new"])
+def test_a_file_in_the_place_of_a_folder_is_named(tmp_path, use, name):
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(NotADirectoryError) as told:
+        use(tmp_path / name, b"new")
+    assert told.value.strerror == f"{tmp_path / 'file'} is a file, not a folder"
+    assert (tmp_path / "file").read_text() == "mine"
 
 
 def folder_of(path, text):

@@ -65,8 +65,38 @@ def test_a_wrong_picture_is_refused_with_the_pixel(tmp_path, change, expected):
 @pytest.mark.parametrize("content", [b"", b"LL..", b"\x89PNG\r\n\x1a\n" + bytes(100)])
 def test_what_is_no_picture_is_refused(tmp_path, content):
     (tmp_path / "map.png").write_bytes(content)
-    with pytest.raises(ValueError, match="no PNG picture"):
+    with pytest.raises(ValueError, match=r"(no|a damaged) PNG picture") as caught:
         read_map(tmp_path / "map.png")
+    assert " at 0x" not in str(caught.value)
+
+
+def test_a_transparent_pixel_is_refused(tmp_path):
+    pixels = np.dstack([np.array(COLOURS, dtype=np.uint8)[cells_of(ROWS)], np.full((4, 4), 255, dtype=np.uint8)])
+    pixels[1, 2, 3] = 200
+    Image.fromarray(pixels).save(tmp_path / "map.png")
+    with pytest.raises(ValueError, match="the pixel in row 1, column 2 is transparent"):
+        read_map(tmp_path / "map.png")
+    pixels[1, 2, 3] = 255
+    Image.fromarray(pixels).save(tmp_path / "map.png")
+    assert read_map(tmp_path / "map.png") == tuple(ROWS)
+
+
+@pytest.mark.parametrize(
+    ("cells", "expected"),
+    [
+        (None, "there are no cells"),
+        (np.zeros((0, 0)), "there are no cells"),
+        ([], "there are no cells"),
+        ([[0, 1], [0]], "its rows have different lengths"),
+    ],
+)
+def test_what_is_no_map_is_refused(cells, expected):
+    with pytest.raises(uavbench.UavbenchError, match=expected):
+        uavbench.Scenario.from_array(cells)
+
+
+def test_codes_may_be_pythons_integers_in_an_array_of_objects():
+    assert uavbench.Scenario.from_array(cells_of(ROWS).astype(object)).rows == tuple(ROWS)
 
 
 def test_numbers_that_are_no_codes_are_refused_with_the_cell():

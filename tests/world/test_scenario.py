@@ -101,6 +101,7 @@ def test_a_users_own_scenario_loads_and_flies(own):
         ("crash = -150.0", "crash = nan", "rewards.crash", "finite"),
         ('kind = "coverage"', 'kind = "racing"', "mission.kind", "'racing' is not 'coverage' or 'harvesting'"),
         ('id = "Mine-v0"', 'id = "my city"', "id", "as in MyCity-CPP-v0"),
+        ('id = "Mine-v0"', 'id = "Mine-v٣"', "id", "as in MyCity-CPP-v0"),
         ('map = "my.txt"', 'map = "no.txt"', "map", "there is no such file"),
         ("camera_size = 5", "camera_size = 4", "mission.camera_size", "1, 3, 5 or 7"),
         ("budget =", "rows = []\nbudget =", "rows", "unknown key"),

@@ -19,7 +19,7 @@ from uavbench.agents.agent_files import files_digest, import_agent
 from uavbench.agents.weights import WeightsError, check_trained, is_transfer, load_weights, training_record
 from uavbench.errors import UavbenchError, one_line
 from uavbench.world import resources
-from uavbench.world.files import MODEL_BYTES, SOURCE_BYTES, FileError, check_name, check_plain, read_bounded
+from uavbench.world.files import MODEL_BYTES, SOURCE_BYTES, FileError, check_folder, check_name, check_plain, read_bounded
 from uavbench.world.registry import SHIPPED
 from uavbench.world.scenario import Scenario
 
@@ -35,6 +35,8 @@ class AgentLoadError(UavbenchError, ValueError):
 
 #: Built-ins that fly any mission. This is said here and not in their files, because it would change their digests.
 _ANY_MISSION = ("ddqn", "random")
+#: Earlier names of built-ins.
+_FORMER = {"pilot": "belief_planner"}
 #: The scenario on which an agent is flown by default.
 FIRST_SCENARIO = "Manhattan32-CPP-v0"
 _ONNX = Path(__file__).with_name("onnx_agent.py")
@@ -138,6 +140,11 @@ class AgentSource:
         return getattr(self.load(), "track", "observation")
 
     @property
+    def safe_mask(self) -> bool:
+        """Whether the agent is told which actions are safe."""
+        return getattr(self.load(), "safe_mask", False)
+
+    @property
     def calls(self) -> tuple[Call, ...]:
         """The methods by which the agent decides."""
         return tuple(name for name in CALLS if callable(getattr(self.load(), name, None)))
@@ -198,6 +205,9 @@ class AgentSource:
             raise AgentLoadError(
                 f"{self.path}: {self.class_name}.track is {one_line(track, repr)}; use 'observation' or 'state'"
             )
+        safe_mask = getattr(found, "safe_mask", False)
+        if not isinstance(safe_mask, bool):
+            raise AgentLoadError(f"{self.path}: {self.class_name}.safe_mask is {one_line(safe_mask, repr)}; use True or False")
         if callable(getattr(found, "act_team", None)) and track != "state":
             raise AgentLoadError(
                 f"{self.path}: {self.class_name}.act_team decides by all that the team sees: set track = 'state', or "
@@ -294,6 +304,7 @@ def find_agent(spec: str, weights: Path | None = None, name: str | None = None) 
 def _find(spec: str) -> AgentSource:
     """Find an agent by the user's ``--agent``."""
     built_in = resources.baseline_paths()
+    spec = _FORMER.get(spec, spec)
     if spec in built_in:
         return AgentSource(built_in[spec])
     if spec.endswith(".safetensors"):
@@ -375,6 +386,7 @@ def write_template(path: Path) -> None:
         raise AgentLoadError(f"{path}: agents are files that end in .py")
     template = Path(__file__).with_name("templates") / "agent.py"
     try:
+        check_folder(path.parent)
         with path.open("x", encoding="utf-8") as file:
             try:
                 file.write(template.read_text(encoding="utf-8").replace("FILE", path.name))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:  # a child starts in half the time without Numba
     from uavbench.world.scenario import Scenario
 
 #: The parts of ``info`` that an agent on the observation track receives.
-TOLD = ("action_mask", "split", "episode", "seed", "uav")
+TOLD = ("action_mask", "safe_action_mask", "split", "episode", "seed", "uav")
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from uavbench.agents.apart import serve; serve()"
 _LONGEST_ANSWER = 2**20  # bytes; 250 actions take 1,000
 _LENGTH = 4  # bytes that hold the length of a message
@@ -62,13 +62,18 @@ class ApartSource(AgentSource):
 
     @cached_property
     def _said(self) -> dict[str, Any]:
-        """The track and the methods of the agent's class, as the child process reports them."""
+        """The track, the mask and the methods of the agent's class, as the child process reports them."""
         return _Child(self, None).said
 
     @property
     def track(self) -> Track:
         """What the agent may see."""
         return self._said["track"]
+
+    @property
+    def safe_mask(self) -> bool:
+        """Whether the agent is told which actions are safe."""
+        return self._said["safe_mask"]
 
     @property
     def calls(self) -> tuple[Call, ...]:
@@ -107,7 +112,7 @@ class AgentApart:
 
 
 def _told(info: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: info[name] for name in TOLD}
+    return {name: info[name] for name in TOLD if name in info}
 
 
 class _Child:
@@ -208,7 +213,8 @@ def _listen(requests: "queue.Queue[Any]") -> None:
 def _make(source: AgentSource, scenario: "Scenario | None") -> tuple[Any, dict[str, Any]]:
     """Return an agent, or None without a scenario, and what the parent needs to know of it."""
     agent = source.make(scenario) if scenario else None
-    said = {"track": source.track, "calls": source.calls, "reset": callable(getattr(agent, "reset", None))}
+    resets = callable(getattr(agent, "reset", None))
+    said = {"track": source.track, "safe_mask": source.safe_mask, "calls": source.calls, "reset": resets}
     return agent, said
 
 

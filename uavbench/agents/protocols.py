@@ -13,7 +13,8 @@ class Agent(Protocol):
 
     Instead of ``act``, or in addition to it, it may have ``act_batch(observations, infos)``, which decides for many episodes at
     once, or ``act_team(observations, infos)``, which decides for all UAVs of a team together. If it has ``reset(info)``, this
-    is called before each episode. With ``track = "state"``, ``info["state"]`` shows everything except future noise.
+    is called before each episode. With ``track = "state"``, ``info["state"]`` shows everything except future noise. With
+    ``safe_mask = True``, ``info["safe_action_mask"]`` says which actions are safe.
     """
 
     def act(self, observation: dict[str, NDArray[np.float32]], info: dict[str, Any]) -> int:

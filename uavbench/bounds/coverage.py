@@ -83,12 +83,12 @@ def coverage_bound(
     seconds : float
         Processor time to spend, so that bounds are not worse on a busy machine. The bound is valid whenever it stops.
     city : City, optional
-        The city; by default the scenario's only one.
+        The city; by default the scenario's only one. In a scenario with many cities, give it: agents read ``state.city``.
 
     Raises
     ------
     ValueError
-        When the plan is not a flight of this episode.
+        When the plan is not a flight of this episode, or the scenario has many cities and ``city`` is not given.
     ImportError
         When highspy is missing, which the extra ``planning`` installs.
 

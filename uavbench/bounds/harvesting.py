@@ -89,7 +89,12 @@ def harvesting_bound(
     seconds : float
         Processor time to spend. The bound is valid whenever it stops.
     city : City, optional
-        The city; by default the scenario's only one.
+        The city; by default the scenario's only one. In a scenario with many cities, give it: agents read ``state.city``.
+
+    Raises
+    ------
+    ValueError
+        When the scenario has many cities and ``city`` is not given.
 
     Notes
     -----

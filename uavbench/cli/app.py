@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavbench.cli import cities, leaderboard, learning, pictures
-from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, fail, flown, number
+from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, command, fail, flown, number
 from uavbench.cli.speed import speed
 from uavbench.evaluation.interrupt import terminating_interrupts
 
@@ -87,7 +87,7 @@ def show(
         shown = shown_city(found, split, city)
         if save is not None:
             save_city_picture(shown, save)
-        Console(highlight=False, soft_wrap=True).print(scenario_text(found, shown))
+        Console(highlight=False, soft_wrap=True).print(scenario_text(found, shown, f"city {city} of the {split} split"))
     except (UavbenchError, ValueError) as error:
         raise fail(error) from None
     if save is not None:
@@ -104,7 +104,7 @@ def new(path: Annotated[Path, typer.Argument(help="The file to write.")]) -> Non
         write_template(path)
     except UavbenchError as error:
         raise fail(error) from None
-    typer.echo(f"wrote {path}; next:  uavbench check {path}")
+    typer.echo(f"wrote {path}; next:  {command('check', path)}")
 
 
 @app.command(epilog="\b\nExample:\n  uavbench check my_agent.py")
@@ -141,7 +141,7 @@ def evaluate(
         str,
         typer.Option(
             help="path.py, path.py:Class, package.module:Class, a .safetensors or .onnx file, or a built-in agent: "
-            "boustrophedon, ddqn, greedy, orienteering, pilot, planner, random, tsp."
+            "belief_planner, boustrophedon, ddqn, greedy, imitation, orienteering, planner, ppo, random, tsp."
         ),
     ],
     scenario: Annotated[
@@ -228,7 +228,7 @@ def _print_result(console: "Console", result: "Result", scenario: "Scenario", st
         console.print(gaps_text(known), highlight=False)
     folder = result.folder.relative_to(start) if result.folder.is_relative_to(start) else result.folder
     line = f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; {folder}"
-    console.print(line, highlight=False, soft_wrap=True)
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 @app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")
@@ -322,7 +322,7 @@ def bound(
                 on_known=lambda known: progress.advance(known.upper_bound),
             )
         console.print(reference_table(loaded, known))
-        console.print(str(out / f"{loaded.id}.csv"), highlight=False, soft_wrap=True)
+        console.print(str(out / f"{loaded.id}.csv"), highlight=False, markup=False, soft_wrap=True)
     except (UavbenchError, ImportError) as error:
         raise fail(error) from None
 
@@ -347,7 +347,9 @@ def freeze(
         lines = freeze_scenario(loaded, replace=replace)
     except UavbenchError as error:
         raise fail(error) from None
-    typer.echo(f"# wrote two files to {loaded.path.parent / 'episodes'}; make these the [splits] of {loaded.path}:\n{lines}")
+    typer.echo(
+        f"# the files are written; put these lines at the end of {loaded.path}, instead of tables of the same names:\n{lines}"
+    )
 
 
 app.command(

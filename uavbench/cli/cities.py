@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from uavbench.cli.shared import fail
+from uavbench.cli.shared import command, fail, warn
 
 if TYPE_CHECKING:
     from uavbench.geodata import ImportedCity
@@ -27,7 +27,10 @@ def import_city(
     default_height: Annotated[
         float, typer.Option(help="Height in metres of buildings without height and levels in the file.")
     ] = 12.0,
-    mission: Annotated[Literal["cpp", "dh"], typer.Option(help="Coverage (cpp) or data harvesting (dh).")] = "cpp",
+    mission: Annotated[
+        Literal["cpp", "dh"] | None,
+        typer.Option(help="Coverage (cpp) or data harvesting (dh); by default the one that the id names, or else coverage."),
+    ] = None,
     no_fly: Annotated[Path | None, typer.Option(help="A .geojson file, of which every polygon is a no-fly zone.")] = None,
     landing: Annotated[
         list[str] | None,
@@ -69,7 +72,9 @@ def import_city(
         made = import_city(source, out, options, overwrite=force)
     except UavbenchError as error:
         raise fail(error) from None
-    typer.echo(_summary(made, options.default_height, out))
+    typer.echo(_summary(made, out))
+    for line in made.warnings:
+        warn(f"warning: {line}")
 
 
 def _centre(text: str | None) -> tuple[float, float] | None:
@@ -88,26 +93,34 @@ def _numbers(option: str, text: str, mark: str, count: int, form: str, number: s
     return [float(part.replace("−", "-")) for part in parts]
 
 
-def _summary(made: "ImportedCity", default_height: float, out: Path) -> str:
+def _summary(made: "ImportedCity", out: Path) -> str:
     """Return what the command prints."""
+    from uavbench.geodata.reasons import UNUSABLE, counted
+
     scenario, counts = made.scenario, made.buildings
     origin = scenario.provenance
     assert origin is not None
-    zones = ", ".join(f"{height}×{width} at row {row}, column {col}" for row, col, height, width in made.landing)
+    (lat, lon), (rows, cols) = origin.centre, scenario.shape
+    zones = [f"{height}×{width} cells from row {row}, column {col} on" for row, col, height, width in made.landing]
     lines = [
-        f"{scenario.id}: {scenario.shape[0]}×{scenario.shape[1]} cells of {origin.cell_size:g} m around "
-        f"{origin.centre[0]:.5f}, {origin.centre[1]:.5f}",
-        f"buildings      {sum(counts.values()):,} of {made.in_file:,} in the file are on the map; height given: "
-        f"{counts.get('height', 0):,}, from levels: {counts.get('levels', 0):,}, "
-        f"default of {default_height:g} m: {counts.get('default', 0):,}",
-        f"               {made.higher:,} are higher than {origin.altitude:g} m and block flight",
-        f"cells          {100 * made.share:.1f} % buildings, {made.no_fly:,} no-fly",
-        f"landing zones  {zones}",
-        f"licence        {origin.licence}",
+        f"{scenario.id}: {scenario.title}",
+        f"map            {rows} rows × {cols} columns of cells of {origin.cell_size:g} m, "
+        f"centred at latitude {lat:.5f} and longitude {lon:.5f}",
+        f"buildings      {sum(counts.values()):,} of the {counted(made.in_file, ('building', 'buildings'))} in the file "
+        "are on the map, at least in part",
+        f"               the file gives the height of {counts.get('height', 0):,} of them, and the number of levels of "
+        f"{counts.get('levels', 0):,}; {counts.get('default', 0):,} have the default height of {origin.default_height:g} m",
+        f"               {counted(made.higher, ('building is', 'buildings are'))} higher than the flying altitude of "
+        f"{origin.altitude:g} m and {'blocks' if made.higher == 1 else 'block'} flight",
+        f"cells          {100 * made.share:.1f} % of the cells are buildings, and "
+        f"{counted(made.no_fly, ('cell is', 'cells are'))} in no-fly zones",
+        f"landing zones  {'; '.join(zones)}",
+        f"licence        of the data: {origin.licence}",
     ]
     if made.closed:
-        lines.insert(4, f"               {made.closed:,} more are closed, because no UAV can get there")
+        more = counted(made.closed, ("more cell is", "more cells are"))
+        lines.insert(6, f"               {more} closed, because no UAV can get there")
     if made.skipped:
-        lines.insert(3, f"               {made.skipped:,} footprints were skipped: they have missing points, or no area")
-    follow = f"next:  uavbench show {out}\n       uavbench evaluate --agent greedy --scenario {out}"
-    return "\n".join([*lines, f"wrote {out} and {out.with_suffix('.txt').name}; {follow}"])
+        lines.insert(5, f"               the file has {counted(made.skipped, UNUSABLE)}")
+    follow = f"next:  {command('show', out)}\n       {command('evaluate', '--agent', 'greedy', '--scenario', out)}"
+    return "\n".join([*lines, f"wrote {out} and its map {out.with_suffix('.txt').name}", follow])

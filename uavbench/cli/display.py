@@ -24,6 +24,7 @@ if TYPE_CHECKING:  # these import the compiler, and listing scenarios must not w
     from uavbench.leaderboard.ranking import Row
     from uavbench.speed.measure import Speed
 
+_CITIES = 10  # from so many cities on, what one in ten has is printed
 _LONGEST_HEAD = 20  # characters of an agent's name in a column's header
 _STYLES = {"L": "bold blue", "N": "red", "#": "bright_black", "b": "bright_black"}
 
@@ -58,8 +59,8 @@ def speed_tables(speeds: "Iterable[Speed]") -> Iterator[Table]:
         yield table
 
 
-def scenario_text(scenario: Scenario, cells: NDArray[np.uint8]) -> Text:
-    """Return what `uavbench show` prints: the parameters and a map, given as codes of cells."""
+def scenario_text(scenario: Scenario, cells: NDArray[np.uint8], which: str) -> Text:
+    """Return what `uavbench show` prints: the parameters and a map, given as codes of cells; ``which`` says which map it is."""
     text = Text()
     text.append(f"{scenario.id}", style="bold")
     text.append(f"  {one_line(scenario.title)}\n")  # a title may come from anybody, with control characters for the terminal
@@ -67,10 +68,12 @@ def scenario_text(scenario: Scenario, cells: NDArray[np.uint8]) -> Text:
     parts = scenario.model_dump(
         mode="json", exclude={"id": True, "title": True, "path": True, "rows": True, "cities": {"maps"}}
     )
-    for name, value in _flat(parts):
-        text.append(f"{name:32}", style="cyan")
+    rows = [(name, value) for name, value in _flat(parts) if value != ""]
+    width = max(len(name) for name, _ in rows) + 2
+    for name, value in rows:
+        text.append(f"{name:{width}}", style="cyan")
         text.append(f"{one_line(value)}\n")
-    text.append("\n")
+    text.append(f"\n{which}\n" if scenario.cities else "\n")
     for row in cells:
         for code in row:
             text.append(CHARACTERS[code], style=_STYLES.get(CHARACTERS[code], ""))
@@ -98,10 +101,10 @@ def result_table(result: "Result") -> Group:
     for name, interval in result.metrics.items():
         table.add_row(NAMES[name], f"{100 * interval.mean:.1f}", _bounds(interval))
     parts = [Text(title, style="bold"), table]
-    if "cral_over_cities" in summary:
+    if summary.get("cral_over_cities", {}).get("cities", 0) >= _CITIES:
         spread = {name: 100 * value for name, value in summary["cral_over_cities"].items()}
-        line = f"CRAL in {spread['cities'] / 100:.0f} cities: one in ten below {spread['lowest']:.1f} %, one in ten above "
-        parts.append(Text(f"{line}{spread['highest']:.1f} %"))
+        line = f"CRAL in {spread['cities'] / 100:.0f} cities: one in ten below {spread['tenth']:.1f} %, one in ten above "
+        parts.append(Text(f"{line}{spread['ninetieth']:.1f} %"))
     return Group(*parts)
 
 

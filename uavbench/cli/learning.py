@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from uavbench.cli.shared import fail
+from uavbench.cli.shared import command, fail
 
 
 def train(
@@ -46,8 +46,9 @@ def train(
                 on_update=progress.advance,
                 on_point=progress.add_point,
             )
-        flies = f"{kept}" if source.built_in else f"{agent} --weights {kept}"
-        console.print(f"next:  uavbench evaluate --agent {flies} --scenario {scenario}", highlight=False, soft_wrap=True)
+        flies = [kept] if source.built_in else [agent, "--weights", kept]
+        follow = command("evaluate", "--agent", *flies, "--scenario", scenario)
+        console.print(f"next:  {follow}", highlight=False, markup=False, soft_wrap=True)
     except UavbenchError as error:
         raise fail(error) from None
     except OSError as error:
@@ -118,4 +119,4 @@ def export(
         raise fail(error) from None
     except OSError as error:
         raise fail(f"cannot write {path}: {error.strerror}") from None
-    typer.echo(f"wrote {path}; next:  uavbench evaluate --agent {path} --scenario {scenario or loaded.id}")
+    typer.echo(f"wrote {path}; next:  {command('evaluate', '--agent', path, '--scenario', scenario or loaded.id)}")

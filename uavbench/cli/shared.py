@@ -1,6 +1,7 @@
 """What commands share: error messages and arguments."""
 
 import math
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -62,6 +63,11 @@ def flown(folder: Path) -> "Result":
         ).result  # absolute: the names of folder and parent are checked, and "." has none
     except SubmissionError as error:
         raise ResultError(str(error)) from None
+
+
+def command(*words: object) -> str:
+    """Return a command of uavbench that can be pasted into a shell: words with spaces or other special letters are quoted."""
+    return shlex.join(["uavbench", *map(str, words)])
 
 
 def warn(line: str) -> None:

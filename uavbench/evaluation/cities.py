@@ -22,15 +22,15 @@ class Spread:
         The mean over cities of each city's mean over its episodes.
     deviation : float
         The standard deviation of the cities' means (with C − 1); 0 for a single city.
-    lowest, highest : float
-        The lowest and the highest decile of the cities' means: one city in ten has a lower mean, one in ten a higher one.
+    tenth, ninetieth : float
+        The quantiles 0.1 and 0.9 of the cities' means: one city in ten has a lower mean, and one in ten a higher one.
     """
 
     cities: int
     mean: float
     deviation: float
-    lowest: float
-    highest: float
+    tenth: float
+    ninetieth: float
 
 
 def spread_over_cities(values: NDArray[np.float64], clusters: NDArray[np.int64]) -> Spread:
@@ -45,6 +45,6 @@ def spread_over_cities(values: NDArray[np.float64], clusters: NDArray[np.int64])
     """
     city = in_order(clusters)
     means = np.bincount(city, weights=values) / np.bincount(city)
-    lowest, highest = np.quantile(means, (0.1, 0.9))
+    tenth, ninetieth = np.quantile(means, (0.1, 0.9))
     deviation = float(means.std(ddof=1)) if len(means) > 1 else 0.0
-    return Spread(len(means), float(means.mean()), deviation, float(lowest), float(highest))
+    return Spread(len(means), float(means.mean()), deviation, float(tenth), float(ninetieth))

@@ -201,6 +201,7 @@ class _Flight:
         self._job = job
         self._agent = agent
         self._state_track = job.source.track == "state"
+        self._shows_safe = job.source.safe_mask
         self.call = job.source.call(job.scenario)
 
     def fly(self, numbers: Sequence[int], clock: DecisionClock) -> Iterator[EpisodeRecord]:
@@ -266,11 +267,13 @@ class _Flight:
             info["state"] = StateView(simulator, i, uav)
         return info
 
-    @staticmethod
-    def _infos(simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    def _infos(self, simulator: Simulator, running: NDArray[np.int64], fixed: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """Return a new ``info`` for each UAV that flies."""
-        masks = simulator.action_mask().reshape(-1, NUM_ACTIONS)[running]
-        return [{**fixed[i], "action_mask": mask} for i, mask in zip(running.tolist(), masks, strict=True)]
+        masks = {"action_mask": simulator.action_mask()}
+        if self._shows_safe:
+            masks["safe_action_mask"] = simulator.safe_action_mask()
+        rows = {name: mask.reshape(-1, NUM_ACTIONS)[running] for name, mask in masks.items()}
+        return [{**fixed[i], **{name: mask[k] for name, mask in rows.items()}} for k, i in enumerate(running.tolist())]
 
     def _observe(self, simulator: Simulator, running: NDArray[np.int64]) -> Observation:
         """Return the observations of the UAVs that fly, batch first."""

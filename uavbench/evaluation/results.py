@@ -29,6 +29,7 @@ from uavbench.world.files import (
     NoFileError,
     check_plain,
     finish_moves,
+    make_folder,
     moved_together,
     pack_arrays,
     read_bounded,
@@ -332,7 +333,7 @@ def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time:
         "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
         "episodes": np.array([record.episode for record in records]),
     }
-    folder.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(folder.parent)
     with moved_together(folder.parent) as staging:
         new = staging / folder.name
         if folder.is_dir():

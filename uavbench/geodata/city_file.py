@@ -1,27 +1,31 @@
 """The files of an imported city: a scenario's TOML file, and the map as text beside it."""
 
+import contextlib
+import errno
 import math
+import os
 import re
 import tempfile
+from collections.abc import Generator
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
+import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
 from uavbench.errors import one_line
 from uavbench.geodata.libraries import GeodataError
-from uavbench.world.cells import rows_of
-from uavbench.world.files import check_name, write_together
+from uavbench.geodata.names import MissionName, place_of
+from uavbench.world.cells import FREE, NO_FLY, rows_of
+from uavbench.world.files import check_folder, check_name, write_together
 from uavbench.world.provenance import Provenance
 from uavbench.world.scenario import Scenario, ScenarioError, load_scenario
-
-MissionName = Literal["cpp", "dh"]
 
 _URBAN_SIDE = 50  # cells of Urban50, whose budgets are scaled to the map
 _BUDGETS: dict[MissionName, tuple[int, int]] = {"cpp": (150, 250), "dh": (100, 200)}
 _LOCAL_SIZE, _GLOBAL_CELLS = 17, 10
-_ID = re.compile(r"[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+")
+_DEVICES = (3, 10)
 _TABLES: dict[MissionName, str] = {
     "cpp": """\
 [rewards]
@@ -53,7 +57,7 @@ global_scale = {global_scale}
 
 [mission]
 kind = "harvesting"
-devices = [3, 10]
+devices = {devices}
 data = [5.0, 20.0]
 communication_steps = 4
 cell_size = {cell!r} # m
@@ -66,27 +70,29 @@ fading_variance = {{ los = 2.0, nlos = 5.0 }} # dB²
 _TITLES: dict[MissionName, str] = {"cpp": "Coverage of {place}", "dh": "Data harvesting in {place}"}
 
 
-def default_id(out: Path, mission: MissionName) -> str:
-    """Return the id of a scenario that is written to ``out``: ``my_city.toml`` becomes ``MyCity-CPP-v0``."""
-    if _ID.fullmatch(out.stem):
-        return out.stem
-    return f"{_place(out.stem) or 'City'}-{mission.upper()}-v0"
+def city_toml(name: str, out: Path, mission: MissionName, cells: NDArray[Any], provenance: Provenance) -> str:
+    """Return the TOML file of a scenario on an imported map: Urban50's parameters, with budgets for the map's size.
 
+    A small map has fewer devices: at most as many as there are cells for them.
 
-def _place(text: str) -> str:
-    """Return a text as one word of letters and digits, with a capital for each of its words."""
-    return "".join(word[0].upper() + word[1:] for word in re.findall(r"[A-Za-z0-9]+", text))
-
-
-def city_toml(name: str, out: Path, mission: MissionName, shape: tuple[int, int], provenance: Provenance) -> str:
-    """Return the TOML file of a scenario on an imported map: Urban50's parameters, with budgets for the map's size."""
+    Raises
+    ------
+    GeodataError
+        When data harvesting has no cell for a device.
+    """
+    shape, places = cells.shape, int(np.isin(cells, (FREE, NO_FLY)).sum())
+    if mission == "dh" and not places:
+        raise GeodataError(
+            "mission: dh: besides the landing zones, no cell without buildings is left for a device: "
+            "choose a larger --shape, another --centre, or --mission cpp"
+        )
     scale = math.sqrt(shape[0] * shape[1]) / _URBAN_SIDE
     budget = [max(1, round(each * scale)) for each in _BUDGETS[mission]]
-    place = name.rpartition("-v")[0].removesuffix(f"-{mission.upper()}")
-    head: dict[str, Any] = {"id": name, "title": _TITLES[mission].format(place=place), "map": f"{out.stem}.txt"}
+    head: dict[str, Any] = {"id": name, "title": _TITLES[mission].format(place=place_of(name)), "map": f"{out.stem}.txt"}
     table = _TABLES[mission].format(
         local_size=min(_LOCAL_SIZE, 2 * min(shape) - 1),
         global_scale=min(max(1, round(max(shape) / _GLOBAL_CELLS)), 2 * min(shape) - 1),
+        devices=[min(number, places) for number in _DEVICES],
         cell=provenance.cell_size,
         altitude=provenance.altitude,
     )
@@ -104,14 +110,29 @@ def check_out(out: Path, overwrite: bool) -> None:
         The message says why.
     """
     if out.suffix != ".toml":
-        raise GeodataError(f"{one_line(out)}: the file to write is a scenario, so its name must end in .toml")
+        raise GeodataError(f"--out {one_line(out)}: the file to write is a scenario, so its name must end in .toml")
     try:
         check_name(out.name)
     except ValueError as error:
-        raise GeodataError(str(error)) from None
-    for path in (out, out.with_suffix(".txt")):
-        if not overwrite and path.exists():
-            raise GeodataError(f"{one_line(path)}: exists already: choose another name, or --force to replace it")
+        raise GeodataError(f"--out {one_line(out)}: {error}") from None
+    with _saying_where(out):
+        check_folder(out.parent)
+        for path in (out, out.with_suffix(".txt")):
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, "it is a folder, not a file", str(path))
+            if not overwrite and path.exists():
+                raise GeodataError(f"{one_line(path)}: exists already: choose another --out, or --force to replace it")
+
+
+@contextlib.contextmanager
+def _saying_where(out: Path) -> Generator[None]:
+    """Turn an OSError in the block into an error that says that ``--out`` cannot be written."""
+    try:
+        yield
+    except NotADirectoryError as error:
+        raise GeodataError(f"--out {one_line(out)}: {error.strerror}: choose another folder") from None
+    except OSError as error:
+        raise GeodataError(f"--out {one_line(out)}: cannot write {error.filename or out}: {error.strerror or error}") from None
 
 
 def write_city(out: Path, text: str, cells: NDArray[Any]) -> Scenario:
@@ -129,9 +150,9 @@ def write_city(out: Path, text: str, cells: NDArray[Any]) -> Scenario:
         try:
             load_scenario(Path(folder, out.name))
         except ScenarioError as error:
-            raise GeodataError(str(error).replace(str(Path(folder).resolve()), str(out.parent))) from None
-    try:
+            place = Path(folder).resolve()  # which the user does not know, as the file that is not written either
+            reason = str(error).removeprefix(f"{place / out.name}: ").replace(f"{place}{os.sep}", "")
+            raise GeodataError(f"--out {one_line(out)}: nothing is written: {reason}") from None
+    with _saying_where(out):
         write_together({out.parent / name: content for name, content in contents.items()})
-    except OSError as error:
-        raise GeodataError(f"{error.filename}: cannot write it: {error.strerror}") from None
     return load_scenario(out)

@@ -1,5 +1,6 @@
 """Footprints of buildings and no-fly zones, as files hold them: in degrees of longitude and latitude."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -11,6 +12,10 @@ Kind = Literal["building", "no-fly"]
 #: West, south, east and north, in degrees.
 Box = tuple[float, float, float, float]
 Ring = Sequence[tuple[float, float]]
+#: What else a file may hold, in singular and plural.
+Noun = tuple[str, str]
+POINT: Noun = ("point", "points")
+LINE: Noun = ("line", "lines")
 
 _MOST = 1_000_000  # footprints in memory
 _WIDEST = 180.0  # degrees; what seems to be wider crosses the antimeridian
@@ -61,8 +66,12 @@ class Extract:
         In degrees, valid.
     count : int
         How many buildings the file has, near or not.
+    zones : int
+        How many no-fly zones the file has, near or not.
     skipped : int
         How many footprints could not be used: they have missing points or no area, or cross the antimeridian.
+    rest : dict of (str, str) to int
+        How many other things the file has where buildings or no-fly zones could be, by what they are: points, lines, …
     extent : (float, float, float, float), optional
         West, south, east and north of all buildings.
     """
@@ -71,8 +80,15 @@ class Extract:
     buildings: list[Footprint] = field(default_factory=list[Footprint])
     no_fly: list[Geometry] = field(default_factory=list[Geometry])
     count: int = 0
+    zones: int = 0
     skipped: int = 0
+    rest: Counter[Noun] = field(default_factory=Counter[Noun])
     extent: Box | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing was found that is a building or a no-fly zone, or could be one."""
+        return not (self.count or self.zones or self.skipped or self.rest)
 
     def add(self, shape: Geometry | None, kind: Kind, tags: Mapping[str, Any]) -> None:
         """Add the footprint of a building or of a no-fly zone, or count that it cannot be used.
@@ -91,6 +107,8 @@ class Extract:
             self.count += 1
             seen = self.extent or box
             self.extent = (min(seen[0], west), min(seen[1], south), max(seen[2], east), max(seen[3], north))
+        else:
+            self.zones += 1
         near = self.near
         if near and not (west < near[2] and east > near[0] and south < near[3] and north > near[1]):
             return

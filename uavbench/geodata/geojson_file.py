@@ -2,12 +2,13 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
 from uavbench.errors import one_line
-from uavbench.geodata.footprints import Extract, Kind, Ring, kind_of, polygon
+from uavbench.geodata.footprints import LINE, POINT, Extract, Kind, Noun, Ring, kind_of, polygon
 from uavbench.geodata.libraries import GeodataError
 from uavbench.geodata.osm_file import OSM_LICENCE
 from uavbench.world.files import read_text
@@ -16,6 +17,9 @@ _BYTES = 2**27
 _DEGREES = ("crs84", "4326", "wgs84", "wgs 84")  # in the names of the coordinate systems that are in degrees
 _LICENCE_KEYS = ("licence", "license", "copyright", "attribution")
 _DEEPEST = 20  # collections in collections
+_KINDS = {"Point": POINT, "MultiPoint": POINT, "LineString": LINE, "MultiLineString": LINE}
+_NOTHING: Noun = ("feature without a geometry", "features without a geometry")
+_OTHER: Noun = ("feature that is no building by its properties", "features that are no buildings by their properties")
 
 
 def read_geojson(path: Path, extract: Extract, every: Kind | None = None) -> str | None:
@@ -49,9 +53,11 @@ def read_geojson(path: Path, extract: Extract, every: Kind | None = None) -> str
         tagged = any("building" in properties for properties, _ in features)
         for properties, geometry in features:
             kind = every or kind_of(properties) or (None if tagged else "building")
-            if kind:
-                for rings in _polygons(geometry, 0):
-                    extract.add(polygon(rings), kind, properties)
+            if kind is None:
+                extract.rest[_OTHER] += 1
+                continue
+            for rings in _polygons(geometry, 0, extract.rest):
+                extract.add(polygon(rings), kind, properties)
     except GeodataError as error:
         raise GeodataError(f"{one_line(path)}: {error}") from None
     except RecursionError:
@@ -80,9 +86,10 @@ def _features(top: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Any]]:
         yield (cast("dict[str, Any]", properties) if isinstance(properties, dict) else {}), each.get("geometry")
 
 
-def _polygons(geometry: Any, depth: int) -> Iterator[list[Ring]]:
-    """Yield the rings of each polygon in a geometry; points and lines have none."""
+def _polygons(geometry: Any, depth: int, rest: Counter[Noun]) -> Iterator[list[Ring]]:
+    """Yield the rings of each polygon in a geometry, and count in ``rest`` what is no polygon."""
     if geometry is None:
+        rest[_NOTHING] += 1
         return
     if depth > _DEEPEST:
         raise GeodataError(f"is not GeoJSON that can be read: more than {_DEEPEST} collections are nested")
@@ -92,12 +99,15 @@ def _polygons(geometry: Any, depth: int) -> Iterator[list[Ring]]:
     kind = each.get("type")
     if kind == "GeometryCollection":
         for part in _list(each.get("geometries")):
-            yield from _polygons(part, depth + 1)
+            yield from _polygons(part, depth + 1, rest)
     elif kind == "Polygon":
         yield [_ring(ring) for ring in _list(each.get("coordinates"))]
     elif kind == "MultiPolygon":
-        for rings in _list(each.get("coordinates")):
+        for rings in _list(each.get("coordinates")) or [[]]:
             yield [_ring(ring) for ring in _list(rings)]
+    else:
+        name = one_line(kind, repr)[:40]
+        rest[_KINDS.get(str(kind), (f"geometry of the unknown type {name}", f"geometries of the unknown type {name}"))] += 1
 
 
 def _ring(points: Any) -> Ring:

@@ -18,7 +18,7 @@ _OPEN = 3  # cells of free space around a zone, beyond which more make no differ
 
 
 def choose_zones(cells: NDArray[np.uint8]) -> list[Zone]:
-    """Return two landing zones of 3×3 free cells, or of fewer where there is no room.
+    """Return two landing zones of 3×3 free cells, or of fewer where there is no room; none if no UAV could leave any free cell.
 
     They lie in the largest region that a UAV can fly in, with as much free space around them as there is at two places that
     are at least half a side of the map apart, and as far apart as the UAV can fly.
@@ -27,15 +27,12 @@ def choose_zones(cells: NDArray[np.uint8]) -> list[Zone]:
     ----------
     cells : ndarray of uint8, shape (M, N)
         The codes of the cells.
-
-    Raises
-    ------
-    GeodataError
-        When no cell is free.
     """
     region = _largest_region(np.isin(cells, (FREE, LOW_BUILDING)), cells == FREE)
     city = City(cells)
     for side in _SIDES:
+        if side**2 >= region.sum():  # the zone would be all that a UAV can fly in
+            continue
         best: list[tuple[int, int]] = []
         for space in range(_OPEN, -1, -1):
             corners = _corners((cells == FREE) & region, side, space)
@@ -45,7 +42,7 @@ def choose_zones(cells: NDArray[np.uint8]) -> list[Zone]:
             best = max(best, chosen, key=len)
         if best:
             return [(r, c, side, side) for r, c in best]
-    raise GeodataError("no cell is free for a landing zone: choose another --centre, or smaller cells")
+    return []
 
 
 def place_zones(cells: NDArray[np.uint8], zones: Sequence[Zone]) -> NDArray[np.uint8]:
@@ -54,11 +51,11 @@ def place_zones(cells: NDArray[np.uint8], zones: Sequence[Zone]) -> NDArray[np.u
     Raises
     ------
     GeodataError
-        When a zone is not on the map, or one of its cells is not free.
+        When a zone is not on the map, one of its cells is not free, or no UAV can fly from it to the others or anywhere.
     """
     placed = cells.copy()
     for row, col, height, width in zones:
-        name = f"the landing zone {row},{col},{height},{width}"
+        name = f"landing: the zone {row},{col},{height},{width}"
         if min(row, col) < 0 or min(height, width) < 1 or row + height > cells.shape[0] or col + width > cells.shape[1]:
             raise GeodataError(f"{name} is not on the map of {cells.shape[0]} rows × {cells.shape[1]} columns")
         taken = np.argwhere(cells[row : row + height, col : col + width] != FREE)
@@ -66,13 +63,29 @@ def place_zones(cells: NDArray[np.uint8], zones: Sequence[Zone]) -> NDArray[np.u
             r, c = (taken[0] + (row, col)).tolist()
             raise GeodataError(f"{name} is not free: row {r}, column {c} is a {CELL_NAMES[cells[r, c]]}")
         placed[row : row + height, col : col + width] = LANDING
+    _check_reach(placed, zones)
     return placed
+
+
+def _check_reach(placed: NDArray[np.uint8], zones: Sequence[Zone]) -> None:
+    """Refuse landing zones if no UAV can fly from one to another, or anywhere else."""
+    first = zones[0]
+    reached = City(placed).distances(first[:2]) >= 0
+    for zone in zones[1:]:
+        if not reached[zone[:2]]:
+            between = f"{','.join(map(str, first))} and {','.join(map(str, zone))}"
+            raise GeodataError(
+                f"landing: no UAV can fly between the zones {between}, because buildings or no-fly zones part them: "
+                "leave one of them out, or move it"
+            )
+    if not (reached & (placed != LANDING)).any():
+        raise GeodataError("landing: the zones leave no other cell that a UAV can fly to: give smaller ones, or move them")
 
 
 def close_unreachable(cells: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], int]:
     """Return a copy of the map in which no UAV could fly where it cannot get to, and how many cells that changed.
 
-    A free cell that no landing zone leads to, as in a court between high buildings, becomes a no-fly zone: sight still goes
+    A free cell that no landing zone leads to, as in a yard that high buildings enclose, becomes a no-fly zone: sight still goes
     through it. A low building becomes one that blocks flight.
     """
     open_cells = np.isin(cells, (FREE, LANDING, LOW_BUILDING))

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from uavbench.errors import one_line
-from uavbench.geodata.footprints import Extract, kind_of, polygon
+from uavbench.geodata.footprints import LINE, POINT, Extract, kind_of, polygon
 from uavbench.geodata.libraries import GeodataError, Geometry, library
 from uavbench.world.files import check_plain
 
@@ -30,7 +30,7 @@ def read_osm(path: Path, form: str, extract: Extract) -> None:
     FileError
         When the file does not exist, is too large or cannot be opened.
     GeodataError
-        When it is no file of OpenStreetMap, or is cut off.
+        When it is no file of OpenStreetMap, is cut off, or holds nothing.
     """
     osmium = library("osmium")
     check_plain(path, MOST_BYTES[form])
@@ -41,6 +41,8 @@ def read_osm(path: Path, form: str, extract: Extract) -> None:
         objects = osmium.FileProcessor(file).with_areas(osmium.filter.KeyFilter(*_KEYS))
         for each in objects.with_filter(osmium.filter.KeyFilter(*_KEYS)):
             _add(each, extract, relations, assembled)
+        if extract.empty and next(iter(osmium.FileProcessor(file)), None) is None:
+            raise GeodataError("holds no objects of OpenStreetMap: it is empty, or was cut off")
     except GeodataError as error:
         raise GeodataError(f"{one_line(path)}: {error}") from None
     except (RuntimeError, ValueError, osmium.InvalidLocationError) as error:
@@ -51,8 +53,6 @@ def read_osm(path: Path, form: str, extract: Extract) -> None:
 def _add(each: Any, extract: Extract, relations: set[int], assembled: set[int]) -> None:
     """Add an object of a file if it is a building or a no-fly zone."""
     area = each.is_area()
-    if not area and not each.is_way() and not each.is_relation():
-        return
     tags = {tag.k: tag.v for tag in each.tags}
     kind = kind_of(tags)
     if kind is None:
@@ -61,9 +61,13 @@ def _add(each: Any, extract: Extract, relations: set[int], assembled: set[int]) 
         if not each.from_way():  # closed ways have been added as such
             assembled.add(each.orig_id())
             extract.add(_assembled(each), kind, tags)
+    elif each.is_node():
+        extract.rest[POINT] += 1
     elif each.is_way():
         if each.is_closed() and tags.get("area") != "no":
             extract.add(_closed(each), kind, tags)
+        else:
+            extract.rest[LINE] += 1
     elif tags.get("type") in ("multipolygon", "boundary"):
         relations.add(each.id)
 

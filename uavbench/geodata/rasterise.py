@@ -11,6 +11,8 @@ from uavbench.world.cells import BUILDING, FREE, LOW_BUILDING, NO_FLY
 
 _BLOCK = 64  # cells that are intersected at once
 _NEARLY = 1e-9  # of a cell: a cell of which exactly one half is covered counts, whatever the rounding
+#: The part of a cell that is covered if the cell counts as covered.
+HALF = 0.5 - _NEARLY
 
 
 class Grid(NamedTuple):
@@ -60,9 +62,9 @@ def cells(high: Sequence[Geometry], low: Sequence[Geometry], no_fly: Sequence[Ge
         The no-fly zones, in metres.
     grid : Grid
     """
-    closed = coverage(no_fly, grid) >= 0.5 - _NEARLY
-    tall = coverage(high, grid) >= 0.5 - _NEARLY
-    built = coverage([*high, *low], grid) >= 0.5 - _NEARLY
+    closed = coverage(no_fly, grid) >= HALF
+    tall = coverage(high, grid) >= HALF
+    built = coverage([*high, *low], grid) >= HALF
     codes = np.full((grid.rows, grid.cols), FREE, dtype=np.uint8)
     codes[closed] = NO_FLY
     codes[built] = LOW_BUILDING

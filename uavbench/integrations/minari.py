@@ -21,7 +21,7 @@ import numpy as np
 from uavbench.envs.env import UAVEnv
 from uavbench.errors import UavbenchError
 from uavbench.evaluation.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.world.files import check_writable
+from uavbench.world.files import check_writable, make_folder
 from uavbench.world.resources import scenario_paths
 
 _AT_ONCE = 20  # episodes in memory
@@ -203,7 +203,7 @@ def _extend(made: Any, buffers: list[Any]) -> Any:
 def _publish(staging: Path, root: Path, identity: str) -> None:
     """Move the dataset to its place, and describe the folders above it as Minari does, where they are new."""
     for parent in list(Path(identity).parents)[-2::-1]:
-        (root / parent).mkdir(exist_ok=True)
+        make_folder(root / parent)
         for about in (staging / parent).glob("*.json"):
             if not (root / parent / about.name).exists():
                 about.replace(root / parent / about.name)

@@ -1,4 +1,4 @@
-"""``index.html``: one file that holds the table, the episodes and the flights, and makes no requests to other places."""
+"""``index.html``: one file that holds the table and as many episodes and flights as it has room for; it makes no requests."""
 
 import base64
 import json
@@ -22,18 +22,27 @@ from uavbench.world.keyed import QUANTILE
 from uavbench.world.scenario import Scenario
 
 _ELSEWHERE = (1000, 500, 200, 100)  # flights shown on scenarios other than the paper's: the first number that fits
-_ROOM = 10_000_000  # actions, of a quarter of a byte each: so the page stays under 3 MB
+_ROOM = 6_000_000  # actions, of a quarter of a byte each: so the page stays under 3 MB
+_LARGEST = 64 * 64  # cells of a map whose flights are shown: maps and targets of larger ones need more room than all others
+
+
+def _is_shown(scenario: Scenario) -> bool:
+    """Return whether the page shows the flights of a scenario, and not only their scores."""
+    return math.prod(scenario.shape) <= _LARGEST and frozen_columns(scenario, "test") is not None
 
 
 def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
     """Return the text of the page."""
-    watched = [entry for entry in entries if frozen_columns(entry.submission.scenario, "test") is not None]
+    watched = [entry for entry in entries if _is_shown(entry.submission.scenario)]
     scenarios = {entry.submission.scenario.id: entry.submission.scenario for entry in watched}
+    hidden = {entry.submission.scenario.id for entry in entries} - scenarios.keys()
     folders = {entry.submission.manifest.name: entry.submission.manifest.folder for entry in watched}
     elsewhere = next((count for count in _ELSEWHERE if _actions(watched, count) <= _ROOM), _ELSEWHERE[-1])
     columns: list[dict[str, Any]] = []
     data = {
-        "rows": [_row(row, folders.get(row.name) if row.tier != "published" else None) for row in rows],
+        "rows": [
+            _row(row, None if row.tier == "published" or row.scenario in hidden else folders.get(row.name)) for row in rows
+        ],
         "names": {folder: name for name, folder in folders.items()},
         "quantile": QUANTILE,
         "scenarios": {name: _scenario(scenario, elsewhere, columns) for name, scenario in scenarios.items()},

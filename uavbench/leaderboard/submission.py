@@ -78,8 +78,8 @@ class CityScores(Record):
     cities: _Count
     mean: _Number
     deviation: _Number
-    lowest: _Number
-    highest: _Number
+    tenth: _Number
+    ninetieth: _Number
 
 
 class Summary(Record):

@@ -24,7 +24,7 @@ from uavbench.leaderboard.submission import (
     load_submission,
     shipped,
 )
-from uavbench.world.files import ARRAYS_BYTES, FileError, read_bounded, read_toml, replace_folders
+from uavbench.world.files import ARRAYS_BYTES, FileError, make_folder, read_bounded, read_toml, replace_folders
 
 
 def submit(
@@ -54,7 +54,7 @@ def submit(
         raise SubmissionError("no results: give folders that uavbench evaluate wrote")
     told = {"name": name, "authors": tuple(authors), "link": link, "training": training, "hardware": hardware or this_machine()}
     try:
-        submissions.mkdir(parents=True, exist_ok=True)
+        make_folder(submissions)
         with tempfile.TemporaryDirectory(prefix=".new-", dir=submissions) as staging:
             made = [_write(result, told, Path(staging)) for result in results]
             loaded = [load_submission(new) for new in made]
@@ -65,7 +65,7 @@ def submit(
             manifests = [submission.manifest for submission in loaded]
             _check_hand(manifests, folders)
             _check_owner(manifests[0], load_owners(submissions.resolve().parent / OWNERS))
-            folders[0].parent.mkdir(exist_ok=True)
+            make_folder(folders[0].parent)
             replace_folders(dict(zip(folders, made, strict=True)))
     except OSError as error:
         raise SubmissionError(f"{error.filename or submissions}: {error.strerror or error}") from None

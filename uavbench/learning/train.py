@@ -121,7 +121,8 @@ class Point:
     seconds : float
         Time spent so far, including validation.
     landed, cr, cral : float
-        Means over the first validation episodes: 200, or ``validation_episodes`` of the configuration.
+        Means over the first validation episodes: 200, or ``validation_episodes`` of the configuration, or all if there are
+        fewer.
     """
 
     updates: int

@@ -22,7 +22,7 @@ from uavbench.world.keyed import next_uniform
 from uavbench.world.parameters import Coverage
 from uavbench.world.scenario import Scenario
 
-_LENGTH_PRICE = 0.05  # targets that a move costs in the search: shorter flights leave budget for other moves
+LENGTH_PRICE = 0.05  # targets that a move costs in the search: shorter flights leave budget for other moves
 HOT, _COLD = 2.0, 0.15
 _STOPS = 2_000  # the most places that a tour chooses from
 _FEWEST = 0.3  # places from which the camera newly sees a smaller share of its square are left to the search
@@ -61,13 +61,18 @@ def search(
     hot : float
         The initial temperature, in target cells; with a low one, the search only makes small improvements to ``first``.
     city : City, optional
-        The city; by default the scenario's only one.
+        The city; by default the scenario's only one. In a scenario with many cities, give it: agents read ``state.city``.
+
+    Raises
+    ------
+    ValueError
+        When the scenario has many cities and ``city`` is not given.
     """
     city = city or city_of(scenario)
-    seen, number = _targets_seen(scenario, target, city)
+    seen, number = targets_seen(scenario, target, city)
     cursor = np.array([seed], dtype=np.uint64)
     paths, lengths = pack(city, starts, budgets, first, cursor)
-    covered = _anneal(
+    covered = anneal(
         paths,
         lengths,
         np.array(budgets, dtype=np.int64) - 1,
@@ -99,7 +104,7 @@ def first_flights(
     Each UAV plans for the targets that those before it leave. The parameters are those of `search`; ``changes`` of each tour
     are tried.
     """
-    seen, number = _targets_seen(scenario, target, city)
+    seen, number = targets_seen(scenario, target, city)
     flights: list[list[Cell]] = []
     covered = np.zeros(max(1, int((target > 0).sum())), dtype=np.bool_)
     for start, budget in zip(starts, budgets, strict=True):
@@ -141,7 +146,7 @@ def _cover(
     return np.array(cells, dtype=np.int64), np.array(prizes)
 
 
-def _targets_seen(scenario: Scenario, target: NDArray[np.float32], city: City) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def targets_seen(scenario: Scenario, target: NDArray[np.float32], city: City) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """Return the targets that the camera sees from each cell, numbered in row-major order, and how many there are."""
     views = camera_views(scenario, city)
     rows, cols = views.shape
@@ -177,7 +182,7 @@ def _list_seen(
 
 
 @kernel
-def _anneal(
+def anneal(
     paths: NDArray[np.int32],
     lengths: NDArray[np.int64],
     longest: NDArray[np.int64],
@@ -196,8 +201,8 @@ def _anneal(
     covered = 0
     for u in range(len(paths)):
         for k in range(1, lengths[u] + 1):
-            covered += _add(paths[u, k], seen, number, counts)
-    value = covered - _LENGTH_PRICE * lengths.sum()
+            covered += add(paths[u, k], seen, number, counts)
+    value = covered - LENGTH_PRICE * lengths.sum()
     best, best_lengths, best_covered, best_value = paths.copy(), lengths.copy(), covered, value
     new = np.empty(2 * paths.shape[1] + 8 * len(number), dtype=np.int32)
     tail = np.empty(paths.shape[1], dtype=np.int32)
@@ -212,10 +217,10 @@ def _anneal(
             continue
         change = 0
         for k in range(first + 1, after):
-            change -= _remove(path[k], seen, number, counts)
+            change -= remove(path[k], seen, number, counts)
         for k in range(size):
-            change += _add(new[k], seen, number, counts)
-        gain = change - _LENGTH_PRICE * (grown - length)
+            change += add(new[k], seen, number, counts)
+        gain = change - LENGTH_PRICE * (grown - length)
         if gain >= 0.0 or next_uniform(cursor, 0.0, 1.0) < math.exp(gain / temperature):
             rest = length + 1 - after
             tail[:rest] = path[after : length + 1]
@@ -229,15 +234,15 @@ def _anneal(
                 best[:], best_lengths[:] = paths, lengths
         else:
             for k in range(size):
-                _remove(new[k], seen, number, counts)
+                remove(new[k], seen, number, counts)
             for k in range(first + 1, after):
-                _add(path[k], seen, number, counts)
+                add(path[k], seen, number, counts)
     paths[:], lengths[:] = best, best_lengths
     return best_covered
 
 
 @kernel
-def _add(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
+def add(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
     """Add the targets seen from ``cell`` to ``counts``; return how many of them are newly covered."""
     fresh = 0
     for k in range(number[cell]):
@@ -247,7 +252,7 @@ def _add(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: 
 
 
 @kernel
-def _remove(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
+def remove(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
     """Subtract the targets seen from ``cell`` from ``counts``; return how many of them are no longer covered."""
     lost = 0
     for k in range(number[cell]):

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from uavbench.planning import nearby
 from uavbench.planning.changes import propose
 from uavbench.planning.distances import Distances, distances_of, is_large
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
-from uavbench.planning.nearby import anneal, new_record, new_trial
+from uavbench.planning.nearby import new_record, new_trial
 from uavbench.planning.paths import pick
 from uavbench.planning.rates import NearRates, action_of, expected_rates, near_rates
 from uavbench.planning.tours import first_flight
@@ -22,7 +23,7 @@ from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
 from uavbench.world.scenario import Scenario
 
-_LENGTH_PRICE = 0.02  # data units that a move costs in the search: shorter flights leave budget for other moves
+LENGTH_PRICE = 0.02  # data units that a move costs in the search: shorter flights leave budget for other moves
 HOT, _COLD = 1.5, 0.03
 
 
@@ -63,6 +64,11 @@ def search(
     horizon : int, optional
         Only changes that begin in the first cells of a flight, so many, are tried; by default all.
 
+    Raises
+    ------
+    ValueError
+        When the scenario has many cities and ``city`` is not given.
+
     Notes
     -----
     On a large map, the flights of a team are improved one after the other, each for the data that those before it leave.
@@ -75,7 +81,7 @@ def search(
     if isinstance(rates, NearRates):
         value = _search_nearby(city, paths, lengths, budgets, rates, data, cursor, moves, hot, begins)
         return Plan(unpack(city, paths, lengths), value)
-    value = _anneal(
+    value = anneal(
         paths,
         lengths,
         np.array(budgets, dtype=np.int64) - 1,
@@ -111,7 +117,9 @@ def _search_nearby(
     fixed = distances_of(city), city.shape, landing_numbers(city), rates
     share = moves // len(paths)
     for u in range(len(paths)):
-        lengths[u] = anneal(paths[u], lengths[u], budgets[u] - 1, *fixed, left, cursor, share, hot, horizon, flown, trial)
+        lengths[u] = nearby.anneal(
+            paths[u], lengths[u], budgets[u] - 1, *fixed, left, cursor, share, hot, horizon, flown, trial
+        )
     return float(np.sum(data) - left.sum())
 
 
@@ -167,7 +175,7 @@ def _serve(here: int, there: int, cols: int, rates: NDArray[np.float32], left: N
 
 
 @kernel
-def _simulate(
+def simulate(
     paths: NDArray[np.int32],
     lengths: NDArray[np.int64],
     begin: int,
@@ -191,7 +199,7 @@ def _simulate(
 
 
 @kernel
-def _anneal(
+def anneal(
     paths: NDArray[np.int32],
     lengths: NDArray[np.int64],
     longest: NDArray[np.int64],
@@ -211,9 +219,9 @@ def _anneal(
     left = np.zeros((paths.shape[1], len(data)))
     total = np.zeros(paths.shape[1])
     left[0] = data
-    collected = _simulate(paths, lengths, 1, cols, rates, left, total)
+    collected = simulate(paths, lengths, 1, cols, rates, left, total)
     new_left, new_total = left.copy(), total.copy()
-    value = collected - _LENGTH_PRICE * lengths.sum()
+    value = collected - LENGTH_PRICE * lengths.sum()
     best, best_lengths, best_value, best_collected = paths.copy(), lengths.copy(), value, collected
     served = np.zeros(len(aims), dtype=np.int32)  # always 0: flights should come near to all devices
     new = np.empty(2 * paths.shape[1] + 8 * shape[0] * shape[1], dtype=np.int32)
@@ -232,8 +240,8 @@ def _anneal(
         path[first + 1 + size : grown + 1] = before[after : length + 1]
         lengths[u] = grown
         new_left[first], new_total[first] = left[first], total[first]
-        found = _simulate(paths, lengths, first + 1, cols, rates, new_left, new_total)
-        worth = found - _LENGTH_PRICE * lengths.sum()
+        found = simulate(paths, lengths, first + 1, cols, rates, new_left, new_total)
+        worth = found - LENGTH_PRICE * lengths.sum()
         gain = worth - value
         if gain >= 0.0 or next_uniform(cursor, 0.0, 1.0) < math.exp(gain / temperature):
             last = lengths.max()

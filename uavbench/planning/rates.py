@@ -57,13 +57,18 @@ def expected_rates(scenario: Scenario, devices: NDArray[np.int32], city: City | 
     devices : ndarray of int32, shape (K, 2)
         Their cells.
     city : City, optional
-        The city; by default the scenario's only one.
+        The city; by default the scenario's only one. In a scenario with many cities, give it: agents read ``state.city``.
 
     Returns
     -------
     ndarray of float32, shape (MN, 5, communication steps, K)
         By the cell (row-major) where an action begins, the action (0 to 4), its communication step, and the device. 0 for
         actions that are blocked.
+
+    Raises
+    ------
+    ValueError
+        When the scenario has many cities and ``city`` is not given.
     """
     assert isinstance(scenario.mission, Harvesting)
     city = city or city_of(scenario)

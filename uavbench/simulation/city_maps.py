@@ -174,7 +174,7 @@ def write_maps(index: NDArray[np.int64], cells: NDArray[np.uint8], ground: NDArr
     rows, cols = cells.shape[1:]
     margin, (scale, _, _, high, wide) = (ground.shape[1] - rows) // 2, blocks.shape[1:]
     marks = np.empty((rows, cols), dtype=np.uint64)  # the layers side by side, so that all of them are counted at once
-    column, block = np.empty((wide + 1) * scale, dtype=np.uint64), np.empty(wide * scale, dtype=np.uint64)
+    sums = np.empty((high * scale, wide * scale), dtype=np.uint64)
     for n in range(len(index)):
         m = index[n]
         for r in range(rows):
@@ -186,11 +186,11 @@ def write_maps(index: NDArray[np.int64], cells: NDArray[np.uint8], ground: NDArr
                 inner[c] = lands * LANDING_BIT + closed * NO_FLY_BIT + hides * BUILDING_BIT
                 # Counted are the cells that differ from the margin.
                 row[c] = np.uint64(lands) | np.uint64(1 - closed) << _PLACE | np.uint64(1 - hides) << 2 * _PLACE
-        column[:] = 0
-        for top in range(1 - scale, high * scale - scale + 1):
-            sum_blocks(marks, top, scale, column, block)
-            y = (top + scale - 1) // scale
-            _write_blocks(block, y, scale, blocks[m, y * scale - top])
+        sums[:] = 0
+        sum_blocks(marks, scale, sums)
+        for top in range(len(sums)):
+            y = top // scale
+            _write_blocks(sums[top], y, scale, blocks[m, (y + 1) * scale - 1 - top])
 
 
 @kernel

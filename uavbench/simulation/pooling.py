@@ -46,47 +46,44 @@ def remove_target(counts: NDArray[Any], r: int, c: int) -> None:
 
 @kernel
 def count_targets(target: NDArray[Any], counts: NDArray[Any]) -> None:
-    """Count the targets of one map, shape (M, N), whose cells are 1 or 0: over g rows first, then over g columns."""
+    """Count the targets of one map, shape (M, N), whose cells are 1 or 0."""
     scale, high, _, wide = counts.shape
-    column = np.zeros((wide + 1) * scale, dtype=counts.dtype)
-    block = np.zeros(wide * scale, dtype=counts.dtype)
-    for top in range(1 - scale, high * scale - scale + 1):
-        sum_blocks(target, top, scale, column, block)
-        y = (top + scale - 1) // scale
-        phase = counts[y * scale - top, y]
+    sums = np.zeros((high * scale, wide * scale), dtype=counts.dtype)
+    sum_blocks(target, scale, sums)
+    for top in range(high * scale):
+        y = top // scale
+        phase = counts[(y + 1) * scale - 1 - top, y]
         for q in range(scale):
-            blocks, place = phase[q], np.uint64(scale - 1 - q)
+            blocks, block, place = phase[q], sums[top], np.uint64(scale - 1 - q)
             for x in range(wide):
                 blocks[x] = block[place]
                 place += np.uint64(scale)
 
 
 @kernel
-def sum_blocks(target: NDArray[Any], top: int, scale: int, column: NDArray[Any], block: NDArray[Any]) -> None:
-    """Count the targets in all blocks of one map that begin in row ``top``, which may be above the map.
+def sum_blocks(target: NDArray[Any], scale: int, sums: NDArray[Any]) -> None:
+    """Count the targets in all blocks of one map: over g rows first, then over g columns.
 
     Parameters
     ----------
     target : ndarray, shape (M, N)
         The map; its cells are 1 or 0.
-    top : int
-        The row. The first call is for 1 − g, and each call for the row after that of the call before.
     scale : int
         The number g of rows and columns of a block.
-    column : ndarray, shape (g (W + 1),)
-        The sums over g rows in each column, with margins of zeros; 0 before the first call.
-    block : ndarray, shape (g W,)
-        The counts are written to it. The first block begins g − 1 columns before the map.
+    sums : ndarray, shape (g H, g W)
+        Zeros, to which the counts are added. The first block begins g − 1 rows above the map, and g − 1 columns before it; each
+        other one begins in the next row or column.
     """
     rows, cols = target.shape
+    column = np.zeros(sums.shape[1] + scale, dtype=sums.dtype)  # the sums over g rows in each column, with margins of zeros
     inner = column[scale : scale + cols]
-    if top + scale <= rows:
-        _add(target[top + scale - 1], inner)
-    if 0 < top <= rows:
-        _subtract(target[top - 1], inner)
-    block[:] = 0
-    for k in range(1, scale + 1):
-        _add(column[k : k + len(block)], block)
+    for bottom in range(len(sums)):
+        if bottom < rows:
+            _add(target[bottom], inner)
+        if scale <= bottom < rows + scale:
+            _subtract(target[bottom - scale], inner)
+        for k in range(1, scale + 1):
+            _add(column[k : k + sums.shape[1]], sums[bottom])
 
 
 @kernel

@@ -75,6 +75,7 @@ class Simulator:
         rewards = scenario.rewards
         state, self._margin = self.state, margin_of(scenario)
         self._maps = (state.maps.city, state.maps.ground, self._margin)
+        self._landing_cells = np.full(2, -1), np.empty((scenario.shape[0] * scenario.shape[1], 2), dtype=np.int32)
         self._moved = (  # what `move` takes, listed once: the arrays are never reallocated
             state.position,
             state.previous,
@@ -160,6 +161,8 @@ class Simulator:
         self._cities.enter(index, keys)
         state = self.state
         state.key[index] = keys
+        if self._only_city is None:  # the map of a slot may be that of another city now
+            self._landing_cells[0][0] = -1
         draw_starts(
             index,
             state.key,
@@ -176,6 +179,7 @@ class Simulator:
             *self._maps,
             *self.scenario.budget,
             *(self.scenario.uavs or (1, 1)),
+            *self._landing_cells,
         )
         self.mission.sample(state, index)
 
@@ -388,8 +392,8 @@ class Simulator:
         if not fits or not self._draws(frozen):
             raise ScenarioError(
                 f"{self.scenario.path}: splits.{split}.file: its episodes do not fit the scenario, which has changed "
-                "since they were frozen: choose a new id, remove the [splits] that name files, and run uavbench freeze; or, if "
-                "nobody has seen a result yet, uavbench freeze --replace"
+                "since they were frozen: choose a new id, remove the [splits] that name files and [cities.frozen], if there is "
+                "one, and run uavbench freeze; or, if nobody has seen a result yet, uavbench freeze --replace"
             )
         self._fitting.add(split)
 

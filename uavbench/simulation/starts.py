@@ -29,20 +29,20 @@ def draw_starts(
     high: int,
     min_uavs: int,
     max_uavs: int,
+    listed: NDArray[np.int64],
+    landing_cells: NDArray[np.int32],
 ) -> None:
     """Draw the numbers of UAVs, start cells and budgets of the slots ``index``, and clear what earlier episodes left.
 
     Cells and budgets are always drawn for the largest possible number of UAVs, so that those of the first UAVs do not depend on
-    how many UAVs fly.
+    how many UAVs fly. ``listed``, shape (2,), holds the number of the map whose landing cells are in ``landing_cells``,
+    shape (M · N, 2), and how many they are; −1 at first. Slots in one city share the list.
     """
     cursor = np.empty(1, dtype=np.uint64)
-    landing_cells = np.empty(((ground.shape[1] - 2 * margin) * (ground.shape[2] - 2 * margin), 2), dtype=np.int32)
-    listed, number = -1, 0
     for n in range(len(index)):
         i = int(index[n])
-        if city[i] != listed:  # slots in one city share the list
-            listed = city[i]
-            number = fill_landing_cells(ground[listed], margin, landing_cells)
+        if city[i] != listed[0]:
+            listed[0], listed[1] = city[i], fill_landing_cells(ground[city[i]], margin, landing_cells)
         cursor[0] = stream(key[i], TEAM)
         uavs[i] = min_uavs + next_integer(cursor, max_uavs - min_uavs + 1)
         cursor[0] = stream(key[i], START)
@@ -50,7 +50,7 @@ def draw_starts(
         for u in range(max_uavs):
             r, c, taken = 0, 0, True
             while taken:
-                r, c = landing_cells[next_integer(cursor, number)]
+                r, c = landing_cells[next_integer(cursor, listed[1])]
                 taken = False
                 for w in range(u):
                     taken = taken or (position[i, w, 0] == r and position[i, w, 1] == c)

@@ -19,10 +19,12 @@ from uavbench.world.files import ARRAYS_BYTES, FileError, read_bounded, unpack_a
 from uavbench.world.generators import CityDrawer
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import CITY, stream
+from uavbench.world.resources import scenario_paths
 from uavbench.world.scenario import SPLITS, Scenario, ScenarioError, SplitName
 
 #: The splits whose generated cities may be frozen in a file.
 FROZEN: tuple[SplitName, ...] = ("validation", "test")
+_REDRAWN = 4  # frozen cities of each split that are drawn again, to check that they belong to the scenario as it is now
 _NUMBER = np.uint64(2**62 - 1)  # the bits of a key that are not the split's
 
 
@@ -156,7 +158,33 @@ def _known_cities(scenario: Scenario, place: int) -> NDArray[np.uint8] | None:
     assert source.test is not None
     numbers = (source.validation, source.test)
     path = scenario.path.parent / frozen.file
-    return _frozen_cities(scenario.path, path, frozen.sha256, numbers, source.map_shape)[split]
+    cities = _frozen_cities(scenario.path, path, frozen.sha256, numbers, source.map_shape)
+    _check_drawn(_Source(scenario))
+    return cities[split]
+
+
+@lru_cache(maxsize=32)
+def _check_drawn(source: _Source) -> None:
+    """Refuse frozen cities that the generator does not draw, because the scenario was edited after they were frozen.
+
+    Shipped scenarios are not checked: their cities stay valid even if a generator changes.
+    """
+    scenario = source.scenario
+    cities = scenario.cities
+    if scenario_paths().get(scenario.id) == scenario.path or cities is None or cities.frozen is None:
+        return
+    assert cities.validation is not None
+    assert cities.test is not None
+    path = scenario.path.parent / cities.frozen.file
+    known = _frozen_cities(scenario.path, path, cities.frozen.sha256, (cities.validation, cities.test), cities.map_shape)
+    for split in FROZEN:
+        first = known[split][:_REDRAWN]
+        if not np.array_equal(first, draw_city_cells(cities, episode_keys(split, np.arange(len(first))))):
+            raise ScenarioError(
+                f"{scenario.path}: cities.frozen.file: {path} holds other cities than the generator draws by [cities], which "
+                "has changed since they were frozen: choose a new id, remove [cities.frozen] and the "
+                "[splits] that name files, and run uavbench freeze"
+            )
 
 
 @lru_cache(maxsize=32)

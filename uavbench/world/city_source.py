@@ -54,6 +54,13 @@ class SplitMaps(Record):
         shapes = {(len(rows), len(rows[0])) for rows in (*self.train, *self.validation, *self.test)}
         if len(shapes) > 1:
             raise ValueError(f"its maps have the shapes {sorted(shapes)}: all maps of a scenario must have the same shape")
+        known: dict[tuple[str, ...], str] = {}
+        for split in ("train", "validation", "test"):
+            for number, rows in enumerate(getattr(self, split)):
+                here = f"map {number} of {split}"
+                if rows in known:
+                    raise ValueError(f"{here} is the same as {known[rows]}: a city may be in one split only, and only once")
+                known[rows] = here
         return self
 
 

@@ -231,9 +231,25 @@ def check_name(name: str) -> None:
         raise ValueError(f"{name!r}: Windows reserves this name for a device; choose another")
 
 
+def check_folder(folder: Path) -> None:
+    """Raise a NotADirectoryError if ``folder``, or one that it lies in, is a file. Nothing is created.
+
+    Its ``strerror`` says which one is a file: the system's own "File exists" does not say what is wrong with that.
+    """
+    for place in (folder, *folder.parents):
+        if os.path.lexists(place) and not place.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, f"{one_line(place)} is a file, not a folder", str(folder))
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder, and those that it lies in, if they are missing; raise the OSError of `check_folder`, or the system's."""
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+
+
 def check_writable(folder: Path) -> None:
     """Create ``folder`` if it is missing, and raise the OSError that writing into it would raise, before any work is done."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     try:
         with tempfile.TemporaryFile(dir=folder):
             pass
@@ -261,7 +277,7 @@ def write_together(contents: Mapping[Path, bytes]) -> None:
     """
     folders = {path: path.parent for path in contents}
     for path, parent in folders.items():
-        parent.mkdir(parents=True, exist_ok=True)
+        make_folder(parent)
         folders[path] = parent.resolve()
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))

@@ -75,7 +75,14 @@ def rows_of_array(cells: ArrayLike) -> tuple[str, ...]:
     ValueError
         When the array holds numbers that are no codes of cells, or is not two-dimensional.
     """
-    array: NDArray[Any] = np.asarray(cells)
+    try:
+        array: NDArray[Any] = np.asarray(cells)
+    except ValueError:
+        raise ValueError("its rows have different lengths") from None
+    if not array.size or not array.ndim:
+        raise ValueError("there are no cells: give the rows of a map, as texts or as an array")
+    if array.dtype.kind == "O" and all(isinstance(cell, (int, np.integer)) for cell in array.flat):
+        array = array.astype(np.int64)
     if array.dtype.kind in "biuf":
         if array.ndim != 2:
             raise ValueError(f"an array of shape {array.shape}: expected the codes of cells, shape (rows, columns)")
@@ -84,8 +91,6 @@ def rows_of_array(cells: ArrayLike) -> tuple[str, ...]:
             r, c = wrong[0].tolist()
             raise ValueError(f"row {r}, column {c}: {array[r, c]} is no code of a cell; the codes are {_MEANING}")
         return rows_of(array.astype(np.uint8))
-    if not array.size:
-        raise ValueError("the array is empty")
     return tuple("".join(str(cell) for cell in row) for row in array.tolist())
 
 
@@ -126,17 +131,24 @@ def map_picture(cells: NDArray[np.uint8]) -> bytes:
 
 def _read_picture(path: Path) -> NDArray[np.uint8]:
     """Return the pixels of a PNG picture, shape (M, N, 3)."""
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     content = read_bounded(path, _MAP_BYTES)
     try:
         with Image.open(io.BytesIO(content), formats=["PNG"]) as picture:
             check_shape((picture.height, picture.width))  # before anything is unpacked
-            return np.asarray(picture.convert("RGB"))
+            pixels = np.asarray(picture.convert("RGBA"))
+    except UnidentifiedImageError:
+        raise ValueError("this is no PNG picture, whatever its name says") from None
     except ValueError:
         raise
     except Exception as error:
-        raise ValueError(f"this is no PNG picture: {one_line(error)}") from None
+        raise ValueError(f"this is a damaged PNG picture: {one_line(error)}") from None
+    clear = np.argwhere(pixels[..., 3] < 255)
+    if len(clear):
+        r, c = clear[0].tolist()
+        raise ValueError(f"the pixel in row {r}, column {c} is transparent: save the picture without transparency")
+    return pixels[..., :3]
 
 
 def _hex(colour: Any) -> str:

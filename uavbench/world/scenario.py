@@ -99,13 +99,13 @@ class Scenario(Record):
     rewards, observation, mission, splits, provenance
         See their classes.
     rows : tuple of str
-        The map if there is only one, one character per cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone, ``#`` building,
-        ``b`` low building.
+        The map if there is only one, else empty. One character per cell: ``.`` free, ``L`` landing zone, ``N`` no-fly zone,
+        ``#`` building, ``b`` low building.
     path : Path
         The file that the scenario was read from.
     """
 
-    id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v\d+$")]
+    id: Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9]+(-[A-Za-z0-9]+)*-v[0-9]+$")]
     title: str
     map: str = ""
     cities: Cities | None = None
@@ -324,6 +324,7 @@ def _check_sizes(observation: ObservationSizes, shape: tuple[int, int]) -> None:
 
 _TABLES = {"model_type", "model_attributes_type", "dict_type"}  # pydantic's types of errors for values that should be tables
 _REASONS = {"extra_forbidden": "unknown key", "missing": "is missing", "tuple_type": "expected a pair [low, high]"}
+_REASONS["too_short"] = "is empty"
 
 
 def _first(error: ValidationError) -> str:
@@ -340,12 +341,12 @@ def _first(error: ValidationError) -> str:
     return (f"{place}: {reason}" if place else reason) + more
 
 
-def _read_map(path: Path, scenario: Path) -> tuple[str, ...]:
-    """Read the rows of a map."""
+def _read_map(path: Path, scenario: Path, field: str = "map") -> tuple[str, ...]:
+    """Read the rows of a map, which a field of the scenario names."""
     try:
         return read_map(path)
     except FileError as error:
-        raise ScenarioError(f"{scenario}: map: {error}") from None
+        raise ScenarioError(f"{scenario}: {field}: {error}") from None
     except ValueError as error:
         raise ScenarioError(f"{path}: map: {error}") from None
 
@@ -362,7 +363,10 @@ def _read_city_maps(path: Path, cities: Any) -> None:
     except ValidationError as error:
         raise ScenarioError(f"{path}: cities.files.{_first(error)}") from None
     if files is not None:
-        table["maps"] = {split: [_read_map(path.parent / name, path) for name in names] for split, names in files}
+        read = {
+            split: [_read_map(path.parent / name, path, f"cities.files.{split}") for name in names] for split, names in files
+        }
+        table["maps"] = read
 
 
 def _load(path: Path, run_code: bool = True) -> Scenario:
@@ -386,7 +390,7 @@ def _load(path: Path, run_code: bool = True) -> Scenario:
     try:
         return Scenario(**values, path=path)
     except ValidationError as error:
-        reason = _first(error)
+        reason = _first(error).replace("cities.maps", "cities.files", 1)
         where = f"{path.parent / values['map']}" if reason.startswith("rows") else f"{path}"
         raise ScenarioError(f"{where}: {reason.replace('rows', 'map', 1) if where != str(path) else reason}") from None
 

@@ -110,10 +110,8 @@ def test_weights_run_no_code_of_the_scenario_that_they_name(patrol, words):
     assert not Path("ran").exists()
 
 
-@pytest.mark.parametrize("agent", ["planner", "greedy", "orienteering", "tsp", "boustrophedon", "pilot"])
+@pytest.mark.parametrize("agent", ["planner", "greedy", "orienteering", "tsp", "boustrophedon", "belief_planner"])
 def test_agents_for_other_missions_decline_in_one_line(patrol, agent):
-    if agent == "pilot":
-        pytest.importorskip("torch")
     found = uavbench_command("evaluate", "--agent", agent, "--scenario", patrol, "--episodes", 2)
     assert found.exit_code == 1
     (line,) = [line for line in found.stderr.splitlines() if line.startswith("uavbench: ")]

@@ -15,7 +15,7 @@ class Agent:
     track = "observation"
 
     def __init__(self, scenario):
-        """Prepare for a scenario, an `uavbench.Scenario` with its map (``rows``), budgets, rewards and mission."""
+        """Prepare for a scenario, an `uavbench.Scenario`: ``rows`` (its map, if it has only one), budgets, rewards, mission."""
         self.scenario = scenario
 
     def reset(self, info):

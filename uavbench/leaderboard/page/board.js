@@ -78,7 +78,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
       head.setAttribute("aria-sort", head.dataset.column === column.name ? direction : "none");
     }
     find("board").tBodies[0].replaceChildren(...rows.map((row) => {
-      const line = element("tr", { class: row.entry ? "entry" : "published", "data-name": row.name });
+      const line = element("tr", { class: `${row.tier === "published" ? "published" : "entry"}${row.entry ? " opens" : ""}`, "data-name": row.name });
       for (const each of COLUMNS) line.append(element("td", { class: each.name }, each.show(row)));
       if (row.entry) {
         line.addEventListener("click", (event) => {
@@ -88,6 +88,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
       return line;
     }));
     find("none").hidden = rows.length > 0;
+    find("unseen").hidden = !rows.some((row) => row.tier !== "published" && !row.entry);
     find("ranks").textContent = find("track").value
       ? "Agents are ranked within their track."
       : "Agents are ranked within their track: O1 is the first of the observation track, S1 of the state track.";

@@ -105,26 +105,14 @@ class CoverageMission(Mission):
 
     def collect(self, state: State, uav: int) -> None:
         """Cover what the camera of UAV ``uav`` sees in each slot, and add r_c per newly covered cell to its reward."""
-        arrays: tuple[Any, ...] = (
-            uav,
-            state.position,
-            state.done,
-            state.target,
-            state.counts,
-            state.remaining,
-            state.reward,
-            state.maps.city,
-            state.maps.ground,
-            self._margin,
-            self.views,
-            *self._trees,
-            self._reach,
-            self._collect_reward,
-        )
-        if self.threads > 1:
-            _collect_apart(self.threads, *arrays)
+        arrays: tuple[Any, ...] = (uav, state.position, state.done, state.target, state.counts, state.remaining, state.reward)
+        camera = (self._reach, self._collect_reward)
+        if len(self.views):
+            known: tuple[Any, ...] = (*arrays, self.views, *camera)
+            _collect_apart(self.threads, *known) if self.threads > 1 else _collect(0, len(state.done), *known)
         else:
-            _collect(0, len(state.done), *arrays)
+            looked: tuple[Any, ...] = (*arrays, state.maps.city, state.maps.ground, self._margin, *self._trees, *camera)
+            _look_apart(self.threads, *looked) if self.threads > 1 else _look_and_collect(0, len(state.done), *looked)
 
 
 def camera_views(scenario: Scenario, city: City | None = None) -> NDArray[np.uint64]:
@@ -135,20 +123,45 @@ def camera_views(scenario: Scenario, city: City | None = None) -> NDArray[np.uin
     scenario : Scenario
         A CPP scenario.
     city : City, optional
-        The city; by default the scenario's only one.
+        The city; by default the scenario's only one. In a scenario with many cities, give it: agents read ``state.city``.
 
     Returns
     -------
     ndarray of uint64, shape (M, N), read-only
         Bit (i · s + j) of a cell is 1 if row i, column j of the s×s square around the cell is on the map, not a building,
         and visible from the cell; s is the camera's size.
+
+    Raises
+    ------
+    ValueError
+        When the scenario has many cities and ``city`` is not given.
     """
     assert isinstance(scenario.mission, Coverage)
     return _views(city_of(scenario) if city is None else city, scenario.mission.camera_size // 2)
 
 
 def camera_gain(scenario: Scenario, target: NDArray[np.float32], city: City | None = None) -> NDArray[np.int32]:
-    """Return how many cells of a target map, shape (M, N), the camera would newly cover from each cell: see `camera_views`."""
+    """Return how many targets the camera would newly cover from each cell of a CPP scenario: see `camera_views`.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        A CPP scenario.
+    target : ndarray of float32, shape (M, N)
+        The target map: cells above 0 are still to be covered.
+    city : City, optional
+        The city; by default the scenario's only one. In a scenario with many cities, give it: agents read ``state.city``.
+
+    Returns
+    -------
+    ndarray of int32, shape (M, N)
+        The number of targets.
+
+    Raises
+    ------
+    ValueError
+        When the scenario has many cities and ``city`` is not given.
+    """
     assert isinstance(scenario.mission, Coverage)
     return _gain(camera_views(scenario, city), scenario.mission.camera_size // 2, target)
 
@@ -211,13 +224,16 @@ def _sample_apart(threads: int, index: NDArray[np.int64], *rest: Any) -> bool:
 @kernel
 def _keep(grid: NDArray[np.uint8], ground: NDArray[np.uint8], margin: int, target: NDArray[np.float32]) -> int:
     """Make targets of the painted cells that are not buildings; return their number."""
-    left, cols = 0, grid.shape[1]
-    for r in range(grid.shape[0]):
-        painted, below, kept = grid[r], ground[r + margin, margin : margin + cols], target[r]
-        for c in range(cols):
-            keep = painted[c] & (below[c] & BUILDING_BIT == 0)
-            kept[c] = keep
+    left, (rows, cols), wide = 0, grid.shape, ground.shape[1]
+    painted, below, kept = grid.reshape(-1), ground.reshape(-1), target.reshape(-1)  # slices would take longer than the rows
+    cell, place = np.uint64(0), np.uint64(margin * wide + margin)
+    for _ in range(rows):
+        for c in range(np.uint64(cols)):
+            keep = painted[cell + c] & np.uint8(below[place + c] & BUILDING_BIT == 0)
+            kept[cell + c] = keep
             left += keep
+        cell += np.uint64(cols)
+        place += np.uint64(wide)
     return left
 
 
@@ -232,10 +248,33 @@ def _collect(
     counts: NDArray[Any],
     remaining: NDArray[np.float64],
     reward: NDArray[np.float64],
+    views: NDArray[np.uint64],
+    reach: int,
+    value: float,
+) -> None:
+    """Cover what UAV ``uav`` sees in those of the slots [``first``, ``last``) where it is active: the views are known."""
+    for i in range(first, last):
+        if not done[i, uav]:
+            r, c = position[i, uav, 0], position[i, uav, 1]
+            gain = _cover(i, r - reach, c - reach, views[r, c], 2 * reach + 1, target, counts)
+            remaining[i] -= gain
+            reward[i, uav] += value * gain
+
+
+@kernel
+def _look_and_collect(
+    first: int,
+    last: int,
+    uav: int,
+    position: NDArray[np.int32],
+    done: NDArray[np.bool_],
+    target: NDArray[np.float32],
+    counts: NDArray[Any],
+    remaining: NDArray[np.float64],
+    reward: NDArray[np.float64],
     city: NDArray[np.int64],
     ground: NDArray[np.uint8],
     margin: int,
-    views: NDArray[np.uint64],
     first_nodes: NDArray[np.int32],
     onward: NDArray[np.int32],
     offsets: NDArray[np.int32],
@@ -243,32 +282,35 @@ def _collect(
     reach: int,
     value: float,
 ) -> None:
-    """Cover what UAV ``uav`` sees in those of the slots [``first``, ``last``) where it is active."""
-    side = 2 * reach + 1
+    """Do the same where each slot has a city of its own: a view is computed where a target is near.
+
+    This is not one kernel with `_collect`, because to pass an array takes longer than to cover a cell.
+    """
     (far_row, far_col), (tall, wide) = (target.shape[1] - 1, target.shape[2] - 1), ground.shape[1:]
     maps = ground.reshape(-1)
     for i in range(first, last):
-        if done[i, uav]:
-            continue
         r, c = position[i, uav, 0], position[i, uav, 1]
-        if len(views):
-            view = views[r, c]
-        elif not _any_near(target[i], r, c, reach):
+        if done[i, uav] or not _any_near(target[i], r, c, reach):
             continue
-        else:
-            cell = (city[i] * tall + r + margin) * wide + c + margin
-            view = view_from(maps, BUILDING_BIT, cell, far_row, far_col, r, c, reach, first_nodes, onward, offsets, bits)
-        gain = 0
-        for y in range(side):
-            for x in range(side):
-                # The view is tested first, because no cell off the map is in it.
-                if view & np.uint64(1) and target[i, r + y - reach, c + x - reach] > 0.0:
-                    target[i, r + y - reach, c + x - reach] = 0.0
-                    remove_target(counts[i], r + y - reach, c + x - reach)
-                    gain += 1
-                view >>= np.uint64(1)
+        cell = (city[i] * tall + r + margin) * wide + c + margin
+        view = view_from(maps, BUILDING_BIT, cell, far_row, far_col, r, c, reach, first_nodes, onward, offsets, bits)
+        gain = _cover(i, r - reach, c - reach, view, 2 * reach + 1, target, counts)
         remaining[i] -= gain
         reward[i, uav] += value * gain
+
+
+@kernel
+def _cover(i: int, top: int, left: int, view: Any, side: int, target: NDArray[np.float32], counts: NDArray[Any]) -> int:
+    """Remove the targets of slot ``i`` that are in a view, whose square begins at (top, left); return their number."""
+    gain = 0
+    for y in range(top, top + side):
+        for x in range(left, left + side):
+            if view & np.uint64(1) and target[i, y, x] > 0.0:  # the view first, because no cell off the map is in it
+                target[i, y, x] = 0.0
+                remove_target(counts[i], y, x)
+                gain += 1
+            view >>= np.uint64(1)
+    return gain
 
 
 @kernel
@@ -287,6 +329,14 @@ def _collect_apart(threads: int, uav: int, position: NDArray[np.int32], *rest: A
     for part in prange(threads):
         first, last = share(len(position), part, threads)
         _collect(first, last, uav, position, *rest)
+
+
+@parallel_kernel
+def _look_apart(threads: int, uav: int, position: NDArray[np.int32], *rest: Any) -> None:
+    """Call `_look_and_collect` for all slots with several threads."""
+    for part in prange(threads):
+        first, last = share(len(position), part, threads)
+        _look_and_collect(first, last, uav, position, *rest)
 
 
 @kernel

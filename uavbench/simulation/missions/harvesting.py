@@ -78,6 +78,10 @@ class HarvestingMission(Mission):
         self._collect_reward = scenario.rewards.collect
         self._channel = channel_of(parameters, scenario.shape)
         self._sights = _sights_of(city_of(scenario)) if scenario.cities is None else _new_sights(scenario.shape, 0)
+        self._many = scenario.cities is not None
+        # What is read from the map of a city is kept with the map's number, −1 at first: slots in one city share it.
+        self._places = np.full(2, -1), np.empty((scenario.shape[0] * scenario.shape[1], 2), dtype=np.int32)
+        self._building = np.full(1, -1), np.empty(scenario.shape, dtype=np.bool_)
         max_devices = parameters.devices[1]
         self._served_last = np.full((num_envs, scenario.max_uavs), -1)  # by each UAV: probably it serves the same device next
         self.devices = Devices(
@@ -92,7 +96,9 @@ class HarvestingMission(Mission):
         low, high = self._parameters.data
         min_devices, max_devices = self._parameters.devices
         d = self.devices
-        maps = (state.maps.city, state.maps.ground, self._margin)
+        if self._many:  # the map of a slot may be that of another city now
+            self._places[0][0] = -1
+        maps = (state.maps.city, state.maps.ground, self._margin, *self._places)
         _sample(index, state.key, d.number, d.cell, d.data, *maps, min_devices, max_devices, low, high)
         self._place(state, index)
 
@@ -115,7 +121,10 @@ class HarvestingMission(Mission):
     def _place(self, state: State, index: NDArray[np.int64]) -> None:
         """Compute everything that follows from the devices of the slots ``index``."""
         arrays = (state.target, state.spots, state.num_spots, state.total, state.remaining)
-        _place(index, *arrays, *self.devices, state.maps.city, state.maps.ground, self._margin, self._sights)
+        if self._many:
+            self._building[0][0] = -1
+        maps = (state.maps.city, state.maps.ground, self._margin, *self._building)
+        _place(index, *arrays, *self.devices, *maps, self._sights)
 
     def fits(self, columns: Columns, city: City) -> bool:
         """Return whether frozen columns can belong to this scenario: all devices in allowed cells, with data in the range."""
@@ -212,6 +221,8 @@ def _sample(
     city: NDArray[np.int64],
     ground: NDArray[np.uint8],
     margin: int,
+    listed: NDArray[np.int64],
+    places: NDArray[np.int32],
     min_devices: int,
     max_devices: int,
     low: float,
@@ -219,13 +230,10 @@ def _sample(
 ) -> None:
     """Draw the devices of the slots ``index``."""
     cursor = np.empty(1, dtype=np.uint64)
-    places = np.empty(((ground.shape[1] - 2 * margin) * (ground.shape[2] - 2 * margin), 2), dtype=np.int32)
-    listed, number_of_places = -1, 0
     for n in range(len(index)):
         i = int(index[n])
-        if city[i] != listed:  # slots in one city share the list
-            listed = city[i]
-            number_of_places = _fill_places(ground[listed], margin, places)
+        if city[i] != listed[0]:
+            listed[0], listed[1] = city[i], _fill_places(ground[city[i]], margin, places)
         cursor[0] = stream(key[i], CONTENT)
         cell[i] = 0
         data[i] = 0.0
@@ -233,7 +241,7 @@ def _sample(
         for k in range(number[i]):
             r, c, taken = 0, 0, True
             while taken:
-                r, c = places[next_integer(cursor, number_of_places)]
+                r, c = places[next_integer(cursor, listed[1])]
                 taken = False
                 for j in range(k):
                     taken = taken or (cell[i, j, 0] == r and cell[i, j, 1] == c)
@@ -299,16 +307,17 @@ def _place(
     city: NDArray[np.int64],
     ground: NDArray[np.uint8],
     margin: int,
+    copied: NDArray[np.int64],
+    building: NDArray[np.bool_],
     sights: Sights,
 ) -> None:
     """Compute the target map, the lines of sight and the sums of the slots ``index`` from their devices."""
     rows, cols = target.shape[1:]
-    seen, building = np.empty((rows, cols), dtype=np.bool_), np.empty((rows, cols), dtype=np.bool_)
-    copied = -1
+    seen = np.empty((rows, cols), dtype=np.bool_)
     for i in index:
-        if city[i] != copied:  # slots in one city share the copy
-            copied = city[i]
-            building[:] = ground[copied, margin : margin + rows, margin : margin + cols] & BUILDING_BIT > 0
+        if city[i] != copied[0]:
+            copied[0] = city[i]
+            building[:] = ground[city[i], margin : margin + rows, margin : margin + cols] & BUILDING_BIT > 0
         for j in range(num_spots[i]):
             target[i, spots[i, j, 0], spots[i, j, 1]] = 0.0
         spots[i] = cell[i]

@@ -50,7 +50,7 @@ def draw_cities(
     parameters : CityParameters
         What the cities look like.
     reach : int
-        Moves from a landing cell, for example half of the smallest budget; at least 4.
+        Moves from a landing cell, for example half of the largest budget; at least 4.
     min_landing, min_places : int
         See above; at least 1 and 0, together at most half of the cells.
     out : ndarray of uint8, shape (K, M, N)
