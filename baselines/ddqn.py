@@ -17,7 +17,7 @@ import torch
 from torch import nn
 from torch.nn.functional import huber_loss, mse_loss
 
-from uavbench.agents.torch_state import pack, tensors, unpack, unpack_network
+from uavbench.agents.torch_state import arrays_of, moved, pack, tensor, tensors, unpack, unpack_network
 from uavbench.agents.weights import weights_for, weights_path
 from uavbench.simulation.city_maps import CityWriter
 from uavbench.simulation.observation import Observer
@@ -252,8 +252,9 @@ class Learner:
         self.scenario, self.config, self.seed = scenario, config, seed
         torch.manual_seed(seed)
         self._observer = Observer(scenario)
-        self.network = Network(self._observer, budget_scale=config.budget_scale)
-        self._target = Network(self._observer, budget_scale=config.budget_scale)
+        with torch.device("cpu"):  # the first weights are the same on every device
+            networks = [Network(self._observer, budget_scale=config.budget_scale) for _ in range(2)]
+        self.network, self._target = (moved(network) for network in networks)
         self._target.load_state_dict(self.network.state_dict())
         rate, amsgrad = config.learning_rate, config.amsgrad
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=rate, amsgrad=amsgrad, fused=True)
@@ -305,7 +306,7 @@ class Learner:
         if not explore:
             self._observer.write(state, self._all, self._observation)
             with torch.no_grad():
-                score += self.network(tensors(self._observation)).numpy() / config.temperature
+                score += self.network(tensors(self._observation)).cpu().numpy() / config.temperature
         safe = self._all < self._between(config.safe_exploration, config.last_safe_exploration) * config.num_envs
         score[safe] += np.where(simulator.safe_action_mask()[safe], 0.0, -np.inf)
         actions = score.argmax(axis=1)
@@ -328,9 +329,9 @@ class Learner:
             last = self.network({name: part[size:] for name, part in observation.items()})
             best = torch.cat([values.detach()[config.batch :], last]).argmax(dim=1, keepdim=True)
             onward = self._target({name: part[config.batch :] for name, part in observation.items()})
-            bootstraps = onward.gather(1, best).reshape(-1, config.batch).numpy()
-        targets = torch.from_numpy(self._returns(rewards, ends, bootstraps).reshape(-1))
-        chosen = values.gather(1, torch.from_numpy(actions.reshape(-1, 1)))[:, 0]
+            bootstraps = onward.gather(1, best).reshape(-1, config.batch).cpu().numpy()
+        targets = tensor(self._returns(rewards, ends, bootstraps).reshape(-1))
+        chosen = values.gather(1, tensor(actions.reshape(-1, 1)))[:, 0]
         loss = huber_loss(chosen, targets, delta=config.huber) if config.huber else mse_loss(chosen, targets)
         self._optimizer.zero_grad()
         loss.backward()
@@ -364,7 +365,7 @@ class Learner:
 
     def weights(self):
         """Return the arrays that the agent needs, by name."""
-        return {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
+        return arrays_of(self.network)
 
     def snapshot(self):
         """Return everything that changes, as arrays by name."""
@@ -401,4 +402,4 @@ class Agent:
     def act_batch(self, observations, infos):
         """Return the action with the highest Q-value for each running episode."""
         with torch.no_grad():
-            return self.network(tensors(observations)).argmax(dim=1).numpy()
+            return self.network(tensors(observations)).argmax(dim=1).cpu().numpy()

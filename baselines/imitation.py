@@ -16,7 +16,7 @@ import ppo
 import torch
 from torch import nn
 
-from uavbench.agents.torch_state import pack, tensors, unpack, unpack_network
+from uavbench.agents.torch_state import arrays_of, moved, pack, tensor, tensors, unpack, unpack_network
 from uavbench.agents.weights import weights_for
 from uavbench.planning.advice import NEVER, Teacher
 from uavbench.simulation.city_maps import CityWriter
@@ -58,7 +58,7 @@ class Config:
         Updates from one validation to the next.
     """
 
-    updates: int = 20_000
+    updates: int = 8_000
     num_envs: int = 64
     batch: int = 256
     buffer_size: int = 500_000
@@ -66,7 +66,7 @@ class Config:
     first: int = 100_000
     mending: int = 2_000
     softness: float = 1.0
-    taught: float = 0.08
+    taught: float = 1.0
     curious: float = 0.1
     learning_rate: float = 1e-3
     lr_warmup: int = 100
@@ -128,7 +128,7 @@ class Buffer:
         observation = self._observer.empty(count * self._scenario.max_uavs)
         self._observer.write(state, index, observation)
         chosen = {name: values[index] for name, values in observation.items()}
-        return tensors(chosen), torch.from_numpy(picked["worths"][np.arange(count), uav])
+        return tensors(chosen), tensor(picked["worths"][np.arange(count), uav])
 
     def _restore(self, picked):
         """Return a state with the stored ones in its slots."""
@@ -161,7 +161,9 @@ class Learner:
     def __init__(self, scenario, config, seed):
         self.scenario, self.config, self.seed = scenario, config, seed
         torch.manual_seed(seed)
-        self.network, self._average = ppo.Network(scenario), ppo.Network(scenario)
+        with torch.device("cpu"):  # the first weights are the same on every device
+            networks = ppo.Network(scenario), ppo.Network(scenario)
+        self.network, self._average = (moved(network) for network in networks)
         self._average.load_state_dict(self.network.state_dict())
         self._optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay, fused=True
@@ -208,8 +210,8 @@ class Learner:
         worths = self._teacher.worths(simulator, range(config.num_envs))
         self._buffer.add(state, worths)
         self._observer.write(state, np.arange(config.num_envs * team), self._observation)
-        with torch.no_grad(), self._precision():
-            logits = self.network(tensors(self._observation)).float().numpy().reshape(worths.shape)
+        with torch.no_grad(), ppo.precision(self._half):
+            logits = self.network(tensors(self._observation)).float().cpu().numpy().reshape(worths.shape)
         masks = (simulator.action_mask() & simulator.safe_action_mask()).reshape(worths.shape)
         scores = np.where(masks > 0, logits, -math.inf)
         curious = random.random(config.num_envs) < config.curious
@@ -223,10 +225,6 @@ class Learner:
         if len(over):
             self._begin(over)
 
-    def _precision(self):
-        """Return the context in which the network computes."""
-        return torch.autocast("cpu", dtype=torch.bfloat16, enabled=self._half)
-
     def _learn(self):
         """Make one update."""
         config, random = self.config, self._random(1)
@@ -235,7 +233,7 @@ class Learner:
         wanted = torch.softmax((worths - best) / config.softness, dim=1)
         symmetries = self.network.symmetries
         symmetry = symmetries[random.integers(len(symmetries)) if config.symmetries else 0]
-        with self._precision():
+        with ppo.precision(self._half):
             logits, values = self.network.evaluate(observation, symmetry)
         logs = torch.log_softmax(logits.float(), dim=1)
         loss = -(wanted * logs).sum(dim=1).mean()
@@ -264,7 +262,7 @@ class Learner:
 
     def weights(self):
         """Return the arrays that the agent needs, by name."""
-        return {name: tensor.contiguous().numpy() for name, tensor in self._average.state_dict().items()}
+        return arrays_of(self._average)
 
     def snapshot(self):
         """Return everything that changes, as arrays by name."""

@@ -24,7 +24,7 @@ from torch import nn
 from torch.nn.functional import relu
 
 from uavbench.agents.symmetries import IDENTITY, symmetries_of
-from uavbench.agents.torch_state import pack, tensors, unpack, unpack_network
+from uavbench.agents.torch_state import arrays_of, moved, pack, tensor, tensors, unpack, unpack_network
 from uavbench.agents.weights import training_record, weights_for, weights_path
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
@@ -96,7 +96,14 @@ class Config:
 CONFIGS = {
     "fast": Config(),
     "finish": Config(
-        updates=600, critic_first=10, discount=0.98, entropy=0.002, learning_rate=1e-4, clip=0.1, random_start_fraction=0.0
+        critic_first=10,
+        epochs=2,
+        clip=0.15,
+        discount=0.98,
+        entropy=0.002,
+        learning_rate=3e-4,
+        last_learning_rate=2e-5,
+        random_start_fraction=0.0,
     ),
 }
 
@@ -191,9 +198,17 @@ class Network(nn.Module):
 
 
 def can_halve():
-    """Return whether the processor computes in bfloat16."""
-    found = torch.cpu.get_capabilities()
-    return bool(found.get("avx512_bf16") or found.get("amx_bf16"))
+    """Return whether PyTorch's default device computes in bfloat16."""
+    device = torch.get_default_device().type
+    if device == "cpu":
+        found = torch.cpu.get_capabilities()
+        return bool(found.get("avx512_bf16") or found.get("amx_bf16"))
+    return device == "cuda" and torch.cuda.is_bf16_supported()
+
+
+def precision(half):
+    """Return the context in which a network computes on PyTorch's default device: in bfloat16 if ``half``, else in float32."""
+    return torch.autocast(torch.get_default_device().type, dtype=torch.bfloat16, enabled=half)
 
 
 class Steps(dict):
@@ -223,7 +238,9 @@ class Learner:
     def __init__(self, scenario, config, seed):
         self.scenario, self.config, self.seed = scenario, config, seed
         torch.manual_seed(seed)
-        self.network, self._uavs = Network(scenario), scenario.max_uavs
+        with torch.device("cpu"):  # the first weights are the same on every device
+            network = Network(scenario)
+        self.network, self._uavs = moved(network), scenario.max_uavs
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, eps=1e-5, fused=True)
         self._simulator, self._observer = Simulator(scenario, config.num_envs), Observer(scenario)
         self._observation = self._observer.empty(config.num_envs * self._uavs)
@@ -270,7 +287,7 @@ class Learner:
 
     def _evaluate(self, observation, mask, symmetry, team):
         """Return logarithmic probabilities of the actions, −∞ where the mask forbids them, and values."""
-        with torch.autocast("cpu", dtype=torch.bfloat16, enabled=self._half):
+        with precision(self._half):
             logits, values = self.network.evaluate(observation, symmetry, team)
         return torch.log_softmax(logits.float().masked_fill(~mask, -math.inf), dim=1), values.float()
 
@@ -283,16 +300,18 @@ class Learner:
             mask = simulator.action_mask()
             if self.config.safe_mask:
                 mask &= simulator.safe_action_mask()
-            allowed = torch.from_numpy(mask.reshape(-1, NUM_ACTIONS) > 0)
+            allowed = tensor(mask.reshape(-1, NUM_ACTIONS) > 0)
             with torch.no_grad():
                 logs, values = self._evaluate(tensors(self._observation), allowed, symmetry, self._team)
             if t == self.config.steps:
-                return values.numpy()
+                return values.cpu().numpy()
+            logs, values = logs.cpu().numpy(), values.cpu().numpy()
             for name, part in self._observation.items():
                 steps[name][t] = part
-            steps["mask"][t], steps["value"][t], steps["flies"][t] = allowed, values, ~state.done.reshape(-1)
-            actions = (logs.numpy() + random.gumbel(size=logs.shape)).argmax(axis=1)
-            steps["action"][t], steps["log"][t] = actions, logs.numpy()[rows, actions]
+            steps["mask"][t], steps["value"][t] = mask.reshape(-1, NUM_ACTIONS), values
+            steps["flies"][t] = ~state.done.reshape(-1)
+            actions = (logs + random.gumbel(size=logs.shape)).argmax(axis=1)
+            steps["action"][t], steps["log"][t] = actions, logs[rows, actions]
             simulator.step(actions.reshape(state.done.shape) if self.scenario.team else actions)
             steps["reward"][t] = self.config.reward_scale * state.reward.reshape(-1)
             steps["over"][t] = state.done.reshape(-1)
@@ -337,13 +356,10 @@ class Learner:
         """Make one gradient step; return the loss of the policy, the error of the value, entropy and divergence."""
         config = self.config
         observation = tensors({name: part[name] for name in self._observation})
-        numbers = torch.from_numpy(np.unique(team, return_inverse=True)[1])
-        mask, given = (
-            torch.from_numpy(part["mask"]),
-            {name: torch.from_numpy(part[name]) for name in ("log", "advantage", "return")},
-        )
+        numbers = tensor(np.unique(team, return_inverse=True)[1])
+        mask, given = tensor(part["mask"]), {name: tensor(part[name]) for name in ("log", "advantage", "return")}
         logs, values = self._evaluate(observation, mask, symmetry, numbers)
-        chosen = logs.gather(1, torch.from_numpy(part["action"])[:, None])[:, 0]
+        chosen = logs.gather(1, tensor(part["action"])[:, None])[:, 0]
         ratio = (chosen - given["log"]).exp()
         gain = torch.minimum(
             ratio * given["advantage"], ratio.clamp(1.0 - config.clip, 1.0 + config.clip) * given["advantage"]
@@ -360,7 +376,7 @@ class Learner:
 
     def weights(self):
         """Return the arrays that the agent needs, by name."""
-        return {name: tensor.contiguous().numpy() for name, tensor in self.network.state_dict().items()}
+        return arrays_of(self.network)
 
     def snapshot(self):
         """Return everything that changes, as arrays by name."""
@@ -399,6 +415,6 @@ class Agent:
         """Return the most probable action for each running episode."""
         seen = tensors(observations)
         with torch.no_grad():
-            scores = (self.network.agreed(seen) if self._symmetries else self.network(seen)).numpy()
+            scores = (self.network.agreed(seen) if self._symmetries else self.network(seen)).cpu().numpy()
         masks = np.array([info["action_mask"] * (info["safe_action_mask"] if self._safe else 1) for info in infos])
         return np.where(masks > 0, scores, -math.inf).argmax(axis=1)

@@ -117,6 +117,8 @@ def lines_of_code(node: ast.FunctionDef) -> int:
 LONG_SIGNATURES = {
     "cli/cities.py:import_city": "the options of the command",
     "cli/app.py:evaluate": "the options of the command",
+    "cli/learning.py:train": "the options of the command",
+    "learning/train.py:train": "the options of a training, and who is told how it goes",
     "envs/env.py:__init__": "keyword arguments, which Gymnasium takes flat",
     "envs/vector_env.py:__init__": "keyword arguments, which Gymnasium takes flat",
     "envs/parallel_env.py:__init__": "keyword arguments, which PettingZoo takes flat",

@@ -18,7 +18,7 @@ from uavbench.agents.weights import WeightsError, load_weights, save_weights
 from uavbench.cli.app import app
 from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.evaluation.results import load_result
-from uavbench.learning.train import Point, TrainError, Training, read_config, train
+from uavbench.learning.train import TrainError, Training, read_config, train
 
 
 @pytest.mark.parametrize(("scenario", "sent"), [(CPP, signal.SIGINT), (DH, signal.SIGTERM)], ids=["CPP", "DH"])
@@ -45,12 +45,12 @@ def test_training_that_is_interrupted_ends_as_if_it_had_not_been(scenario, sent,
 def test_the_weights_that_are_kept_are_those_that_validate_best(tmp_path, monkeypatch):
     scores, seen = iter([0.3, 0.8, 0.5, 0.8]), []
 
-    def validate(training, learner, folder, seconds):
-        seen.append({name: array.copy() for name, array in learner.weights().items()})
+    def validate(self, arrays, record, stopped):
+        seen.append({name: array.copy() for name, array in arrays.items()})
         score = next(scores)
-        return Point(learner.updates, learner.samples, seconds, 1.0, score, score)
+        return {"landed": 1.0, "cr": score, "cral": score}
 
-    monkeypatch.setattr("uavbench.learning.train._validate", validate)
+    monkeypatch.setattr("uavbench.learning.train.Validation.scores", validate)
     kept = train(training(replace(TINY, validation=10)), tmp_path)
     arrays, record = load_weights(kept)
     assert all(np.array_equal(arrays[name], seen[3][name]) for name in arrays)  # of two alike the later one
@@ -172,7 +172,9 @@ def test_a_checkpoint_of_before_the_state_kept_counts_is_refused_by_saying_so(sc
 
 def test_weights_of_a_learner_of_ones_own_fly_with_its_code(tmp_path):
     mine = tmp_path / "ddqn.py"  # called as a built-in
-    mine.write_text(SOURCE.path.read_text(encoding="utf-8").replace(".argmax(dim=1).numpy()", ".argmax(dim=1).numpy() * 0 + 5"))
+    text, decision = SOURCE.path.read_text(encoding="utf-8"), ".argmax(dim=1).cpu().numpy()"
+    assert decision in text
+    mine.write_text(text.replace(decision, f"{decision} * 0 + 5"))
     source = find_agent(str(mine))
     kept = train(Training(source, CPP, "tiny", replace(TINY, updates=2, validation=2), 0), tmp_path)
     with pytest.raises(AgentLoadError, match=r"weights of your own ddqn: --agent ddqn.py --weights"):

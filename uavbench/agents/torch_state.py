@@ -14,14 +14,34 @@ from uavbench.world.scenario import Scenario
 Arrays = dict[str, NDArray[Any]]
 
 
-def tensors(observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
-    """Return an observation's arrays as tensors; maps get the memory format that suits convolutions, channels last."""
+def moved(network: Any) -> Any:
+    """Return a network after it was moved to PyTorch's default device.
+
+    Make it ``with torch.device("cpu")``, and it begins with the same weights on every device.
+    """
     torch: Any = importlib.import_module("torch")
-    found = {name: torch.from_numpy(values) for name, values in observation.items()}
+    return network.to(torch.get_default_device())
+
+
+def tensor(array: NDArray[Any]) -> Any:
+    """Return an array as a tensor on PyTorch's default device; on the processor they share memory."""
+    torch: Any = importlib.import_module("torch")
+    return torch.from_numpy(array).to(torch.get_default_device())
+
+
+def tensors(observation: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+    """Return an observation's arrays as `tensor`; maps get the memory format that suits convolutions, channels last."""
+    torch: Any = importlib.import_module("torch")
+    found = {name: tensor(values) for name, values in observation.items()}
     return {
         name: values.contiguous(memory_format=torch.channels_last) if values.dim() == 4 else values
         for name, values in found.items()
     }
+
+
+def arrays_of(network: Any, prefix: str = "") -> Arrays:
+    """Return the state of a network as arrays by name."""
+    return {f"{prefix}{name}": values.contiguous().cpu().numpy() for name, values in network.state_dict().items()}
 
 
 def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
@@ -35,9 +55,9 @@ def pack(networks: Mapping[str, Any], optimizer: Any) -> Arrays:
     """
     arrays: Arrays = {}
     for name, network in networks.items():
-        arrays |= {f"{name}.{part}": tensor.numpy() for part, tensor in network.state_dict().items()}
+        arrays |= arrays_of(network, f"{name}.")
     for k, moments in optimizer.state_dict()["state"].items():
-        arrays |= {f"optimizer.{k}.{part}": tensor.numpy() for part, tensor in moments.items()}
+        arrays |= {f"optimizer.{k}.{part}": values.cpu().numpy() for part, values in moments.items()}
     return arrays
 
 
@@ -50,7 +70,7 @@ def unpack_network(arrays: Mapping[str, NDArray[Any]], network: Any, path: Path,
         When the arrays do not fit the network or are not finite; the message names the file and the first wrong array.
     """
     torch: Any = importlib.import_module("torch")
-    wanted = {name: tuple(tensor.shape) for name, tensor in network.state_dict().items()}
+    wanted = {name: tuple(values.shape) for name, values in network.state_dict().items()}
     for name in sorted(wanted.keys() | arrays.keys()):
         found = arrays[name].shape if name in arrays else None
         if wanted.get(name) != found:

@@ -1,7 +1,7 @@
 """``uavbench train`` and ``uavbench export``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -19,6 +19,10 @@ def train(
     out: Annotated[Path, typer.Option(help="The folder for weights, checkpoints and curves.")] = Path("runs"),
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint.")] = False,
     threads: Annotated[int, typer.Option(min=1, help="The number of threads that compute the network.")] = 1,
+    device: Annotated[
+        Literal["auto", "cpu", "cuda", "mps"],
+        typer.Option(help="Where the network computes; auto takes a graphics card if there is one."),
+    ] = "auto",
 ) -> None:
     """Train a learned agent.
 
@@ -42,6 +46,7 @@ def train(
                 out,
                 resume=resume,
                 threads=threads,
+                device=device,
                 on_start=progress.show,
                 on_update=progress.advance,
                 on_point=progress.add_point,

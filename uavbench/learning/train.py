@@ -17,21 +17,20 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-
 from uavbench.agents.agent import AgentSource
 from uavbench.agents.weights import WeightsError, check_trained, load_weights, save_weights, training_facts, training_record
 from uavbench.errors import UavbenchError, one_line
-from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.evaluation.interrupt import interrupt_waits
-from uavbench.evaluation.metrics import METRICS
+from uavbench.learning.device import on_device
 from uavbench.learning.memory import keep_freed
+from uavbench.learning.validation import EPISODES, Validation
 from uavbench.world.files import MODEL_BYTES, FileError, read_bounded, read_toml
 from uavbench.world.scenario import Scenario
 
 _CHECKPOINT_SECONDS = 180.0
+#: A checkpoint is written before a validation if the last one is older than this, since validations are often the longest step.
+_BEFORE_VALIDATION_SECONDS = 30.0
 _PLOT_UPDATES = 100
-_VALIDATION_EPISODES = 200
 #: The attributes that a configuration and a learner must have.
 _FIELDS = ("updates", "validation")
 _LEARNER = ("updates", "samples", "advance", "weights", "snapshot", "resume")
@@ -181,6 +180,7 @@ def train(
     resume: bool = False,
     seconds: float = math.inf,
     threads: int = 1,
+    device: str = "auto",
     on_start: Callable[[int, int], None] = lambda done, updates: None,
     on_update: Callable[[int], None] = lambda updates: None,
     on_point: Callable[[Point], None] = lambda point: None,
@@ -198,22 +198,116 @@ def train(
         Stop after this time; the training can be resumed later.
     threads : int
         Number of PyTorch's threads. Another number may change the last digits of the weights.
+    device : str
+        Where the network computes: "auto", "cpu", "cuda" or "mps"; see `on_device`.
     on_start, on_update, on_point : callable
         Called at the beginning with the numbers of updates done and wanted, after every update with the number done, and for
         every validation, those before a resume included.
 
     Raises
     ------
+    DeviceError
+        When there is no such device here.
     TrainError, WeightsError
         When a checkpoint exists and ``resume`` is not given, or it is damaged or of another training; when the agent cannot
         learn this scenario or start from the given weights; or when a library is missing.
     KeyboardInterrupt
         When the user interrupts the training; a checkpoint has been written.
     """
-    kept, checkpoint = training.files(out)
-    folder = kept.parent
     _needed("safetensors", "tensorboard", "torch").set_num_threads(threads)
     keep_freed()
+    with on_device(device):
+        run = _Run(training, out, resume)
+        on_start(run.learner.updates, training.config.updates)
+        for point in run.points:
+            on_point(point)
+        with interrupt_waits() as interrupted:
+            while not (run.ended or interrupted) and time.perf_counter() - run.started < seconds:
+                if not run.validation_due:
+                    run.advance()
+                    on_update(run.learner.updates)
+                elif run.validate(lambda: bool(interrupted)):
+                    on_point(run.points[-1])
+            run.close()
+    if interrupted:
+        raise KeyboardInterrupt(f"interrupted; --resume goes on from {run.checkpoint}")
+    return run.kept
+
+
+class _Run:
+    """A training that runs: its learner, its curve so far, and its files."""
+
+    def __init__(self, training: Training, out: Path, resume: bool) -> None:
+        self.kept, self.checkpoint = training.files(out)
+        self._training, folder = training, self.kept.parent
+        self.learner = _learner(training)
+        _ = training.identity  # digests are computed now, since files may change later
+        self.points, self._spent = _begin(training, self.learner, self.checkpoint, resume)
+        if self.points and not self.kept.exists():
+            raise TrainError(
+                f"{self.kept}: the best weights so far are gone: put them back, or delete {self.checkpoint} to start over"
+            )
+        wanted = getattr(training.config, "validation_episodes", EPISODES)
+        self._validation = Validation(training.source, training.scenario, folder, training.label, wanted)
+        self.started = self._saved = time.perf_counter()
+        self._board = _board(folder / f"{training.label}.tensorboard", self.learner.updates)
+
+    @property
+    def validation_due(self) -> bool:
+        """Whether the present network is one to validate, and was not yet."""
+        done = self.points[-1].updates if self.points else 0
+        config, updates = self._training.config, self.learner.updates
+        return updates > done and (updates % config.validation == 0 or updates >= config.updates)
+
+    @property
+    def ended(self) -> bool:
+        """Whether everything is done, the last validation too."""
+        return self.learner.updates >= self._training.config.updates and not self.validation_due
+
+    def advance(self) -> None:
+        """Make one update."""
+        scalars = self.learner.advance()
+        if self.learner.updates % _PLOT_UPDATES == 0:
+            self._plot("training", scalars)
+        self._save(_BEFORE_VALIDATION_SECONDS if self.validation_due else _CHECKPOINT_SECONDS)
+
+    def validate(self, stopped: Callable[[], bool]) -> bool:
+        """Validate the present network, and keep its weights if they are the best so far; return False if it was stopped."""
+        arrays = self.learner.weights()
+        scores = self._validation.scores(arrays, self._training.record([]), stopped)
+        if scores is None:
+            return False
+        point = Point(self.learner.updates, self.learner.samples, round(self._seconds(), 1), **scores)
+        if point.cral >= max((each.cral for each in self.points), default=0.0):
+            save_weights(self.kept, arrays, self._training.record([*self.points, point]))
+        self.points.append(point)
+        self._plot("validation", asdict(point))
+        self._save(_BEFORE_VALIDATION_SECONDS)
+        return True
+
+    def close(self) -> None:
+        """Write the last checkpoint."""
+        self._save(0.0)
+        self._board.close()
+
+    def _seconds(self) -> float:
+        """Return the time spent so far, before earlier interruptions too."""
+        return self._spent + time.perf_counter() - self.started
+
+    def _save(self, age: float) -> None:
+        """Write a checkpoint, unless the last one is younger than so many seconds."""
+        if time.perf_counter() - self._saved >= age:
+            self._saved = time.perf_counter()
+            save_weights(self.checkpoint, self.learner.snapshot(), self._training.record(self.points, self._seconds()))
+
+    def _plot(self, group: str, scalars: Mapping[str, float]) -> None:
+        """Write numbers for TensorBoard."""
+        for name, value in scalars.items():
+            self._board.add_scalar(f"{group}/{name}", value, self.learner.updates)
+
+
+def _learner(training: Training) -> Any:
+    """Return the learner at its beginning."""
     if training.source.weights is not None:
         raise TrainError(f"{training.source.weights} are weights: name their agent; --from starts from weights")
     try:
@@ -228,37 +322,7 @@ def train(
             raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
         check_trained(training.start, training_record(training.start), training.scenario)
         learner.start_from(training.start)
-    _ = training.identity  # digests are computed now, since files may change later
-    points, spent = _begin(training, learner, checkpoint, resume)
-    if points and not kept.exists():
-        raise TrainError(f"{kept}: the best weights so far are gone: put them back, or delete {checkpoint} to start over")
-    started, saved = time.perf_counter(), time.perf_counter()
-    updates, every = training.config.updates, training.config.validation
-    board = _board(folder / f"{training.label}.tensorboard", learner.updates)
-    on_start(learner.updates, updates)
-    for point in points:
-        on_point(point)
-    with interrupt_waits() as interrupted:
-        while learner.updates < updates and not interrupted and time.perf_counter() - started < seconds:
-            scalars = learner.advance()
-            on_update(learner.updates)
-            if learner.updates % _PLOT_UPDATES == 0:
-                _plot(board, "training", scalars, learner.updates)
-            if learner.updates % every == 0 or learner.updates == updates:
-                point = _validate(training, learner, folder, spent + time.perf_counter() - started)
-                if point.cral >= max((each.cral for each in points), default=0.0):
-                    save_weights(kept, learner.weights(), training.record([*points, point]))
-                points.append(point)
-                _plot(board, "validation", asdict(point), learner.updates)
-                on_point(point)
-            if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
-                saved = time.perf_counter()
-                save_weights(checkpoint, learner.snapshot(), training.record(points, spent + saved - started))
-        save_weights(checkpoint, learner.snapshot(), training.record(points, spent + time.perf_counter() - started))
-    board.close()
-    if interrupted:
-        raise KeyboardInterrupt(f"interrupted; --resume goes on from {checkpoint}")
-    return kept
+    return learner
 
 
 def _needed(*libraries: str) -> Any:
@@ -306,29 +370,8 @@ def _differences(found: Mapping[str, Any], expected: Mapping[str, Any], prefix: 
             yield f"{prefix}{name}", other, value
 
 
-def _validate(training: Training, learner: Any, folder: Path, seconds: float) -> Point:
-    """Evaluate the present network, in the same way as weights on disk are evaluated."""
-    latest = folder / f".{training.label}.latest.safetensors"
-    save_weights(latest, learner.weights(), training.record([]))
-    job = Job(replace(training.source, weights=latest), training.scenario, "validation")
-    wanted = getattr(training.config, "validation_episodes", _VALIDATION_EPISODES)
-    count = min(wanted, training.scenario.splits.validation.episodes)
-    try:
-        records = list(evaluate(job, range(count)))
-    finally:
-        latest.unlink(missing_ok=True)
-    scores = {name: float(np.mean([getattr(record, name) for record in records])) for name in METRICS}
-    return Point(learner.updates, learner.samples, round(seconds, 1), **scores)
-
-
 def _board(folder: Path, done: int) -> Any:
     """Return a TensorBoard writer; what an interrupted training wrote after ``done`` updates is dropped."""
     from torch.utils.tensorboard.writer import SummaryWriter
 
     return SummaryWriter(str(folder), purge_step=done + 1)
-
-
-def _plot(board: Any, group: str, scalars: Mapping[str, float], updates: int) -> None:
-    """Write numbers for TensorBoard."""
-    for name, value in scalars.items():
-        board.add_scalar(f"{group}/{name}", value, updates)
