@@ -214,12 +214,12 @@ def precision(half):
 class Steps(dict):
     """What was seen and done in an update: arrays by name, (T, B, U, …), of which only those count where a UAV flies."""
 
-    def __init__(self, steps, envs, uavs, observation):
+    def __init__(self, steps, envs, uavs, observation, actions=NUM_ACTIONS):
         super().__init__(
             {name: np.zeros((steps, envs * uavs, *part.shape[1:]), np.float32) for name, part in observation.items()}
         )
         shape = (steps, envs * uavs)
-        self["mask"] = np.zeros((*shape, NUM_ACTIONS), dtype=np.bool_)
+        self["mask"] = np.zeros((*shape, actions), dtype=np.bool_)
         self["action"] = np.zeros(shape, dtype=np.int64)
         self["flies"], self["over"] = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
         self["log"], self["value"], self["reward"] = (np.zeros(shape, dtype=np.float32) for _ in range(3))
@@ -239,7 +239,7 @@ class Learner:
         self.scenario, self.config, self.seed = scenario, config, seed
         torch.manual_seed(seed)
         with torch.device("cpu"):  # the first weights are the same on every device
-            network = Network(scenario)
+            network = self._network()
         self.network, self._uavs = moved(network), scenario.max_uavs
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, eps=1e-5, fused=True)
         self._simulator, self._observer = Simulator(scenario, config.num_envs), Observer(scenario)
@@ -249,6 +249,10 @@ class Learner:
         self._half = config.half and can_halve()
         self.updates = self._started = 0
         self._begin(np.arange(config.num_envs))
+
+    def _network(self):
+        """Return a new network."""
+        return Network(self.scenario)
 
     def start_from(self, path):
         """Begin with the network of a weights file."""

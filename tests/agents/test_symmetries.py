@@ -25,6 +25,12 @@ def test_there_are_eight_and_four_if_a_map_is_not_square():
 
 
 @pytest.mark.parametrize("symmetry", symmetries_of((5, 5)))
+def test_turned_maps_are_restored(symmetry):
+    maps = torch.rand(2, 3, 5, 5)
+    assert torch.equal(symmetry.restored(symmetry.maps(maps)), maps)
+
+
+@pytest.mark.parametrize("symmetry", symmetries_of((5, 5)))
 def test_actions_lead_where_the_map_has_their_cells(symmetry):
     for action in range(4):
         marked = torch.zeros(5, 5)

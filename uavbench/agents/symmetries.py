@@ -46,6 +46,12 @@ class Symmetry:
         axes = [axis for axis, reversed_ in ((-2, self.reverse_rows), (-1, self.reverse_columns)) if reversed_]
         return turned.flip(axes) if axes else turned
 
+    def restored(self, maps: Any) -> Any:
+        """Return the maps of which `maps` makes these: what a network says of cells of a turned map belongs to them."""
+        axes = [axis for axis, reversed_ in ((-2, self.reverse_rows), (-1, self.reverse_columns)) if reversed_]
+        turned = maps.flip(axes) if axes else maps
+        return turned.transpose(-1, -2) if self.transpose else turned
+
 
 #: The symmetry that changes nothing.
 IDENTITY = Symmetry()
