@@ -87,8 +87,8 @@ def test_help_has_examples_for_every_command(call):
         (["train", "nowhere.py"], "agent nowhere.py: there is no such file"),
         (
             ["evaluate", "--agent", "gredy"],
-            "built in are belief_planner, boustrophedon, ddqn, greedy, imitation, macro_ppo, orienteering, planner, ppo, random, "
-            "tsp",
+            "built in are belief_planner, boustrophedon, ddqn, greedy, imitation, macro_ppo, orienteering, planner, ppo, "
+            "random, tsp",
         ),
         (["evaluate", "--agent", "random", "--scenario", "Block9"], "unknown scenario"),
         (["evaluate", "--agent", "random", "--split", "tset"], "--split"),
