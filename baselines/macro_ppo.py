@@ -24,6 +24,7 @@ from uavbench.agents.symmetries import IDENTITY
 from uavbench.agents.torch_state import tensor, tensors, unpack_network
 from uavbench.agents.weights import training_record, weights_for, weights_path
 from uavbench.simulation.macro_actions import MacroKind
+from uavbench.simulation.observation import Observer
 
 
 @dataclass(frozen=True)
@@ -58,15 +59,15 @@ class MapNetwork(ppo.Network):
 
     def __init__(self, scenario, channels=32, blocks=2, hidden=256):
         super().__init__(scenario, channels=channels, blocks=blocks, hidden=hidden)
-        layers = len(self.units)
         body = [ppo.Residual(channels) for _ in range(blocks)]
-        self.cells = nn.Sequential(nn.Conv2d(layers, channels, 3, padding=1), nn.ReLU(), *body)
+        self.cells = nn.Sequential(nn.Conv2d(Observer(scenario).local_shape[0], channels, 3, padding=1), nn.ReLU(), *body)
         self.context = nn.Linear(hidden, channels)
-        self.choice = nn.Sequential(ppo.Residual(channels), nn.Conv2d(channels, 1, 1))
+        last = nn.Conv2d(channels, 1, 1)
+        self.choice = nn.Sequential(ppo.Residual(channels), last)
         self.policy = nn.Linear(hidden, 1)  # of landing
         with torch.no_grad():
             self.policy.weight.mul_(0.1)
-            self.choice[1].weight.mul_(0.1)
+            last.weight.mul_(0.1)
 
     def _logits(self, observation, features, symmetries):
         """Return the logits, shape (S · B, l² + 1), from the features; cells are in the order of the observation."""
