@@ -118,6 +118,7 @@ LONG_SIGNATURES = {
     "cli/cities.py:import_city": "the options of the command",
     "cli/app.py:evaluate": "the options of the command",
     "cli/learning.py:train": "the options of the command",
+    "leaderboard/submit.py:submit": "what a submission says about itself",
     "learning/train.py:train": "the options of a training, and who is told how it goes",
     "envs/env.py:__init__": "keyword arguments, which Gymnasium takes flat",
     "envs/vector_env.py:__init__": "keyword arguments, which Gymnasium takes flat",

@@ -130,6 +130,36 @@ def test_the_scatter_names_every_agent_and_names_do_not_meet(official, opened, s
                 assert apart, (scenario, one, other)
 
 
+def test_a_line_joins_the_agents_that_no_other_one_beats_in_score_and_time(official, opened):
+    page = opened(official)
+    page.select_option("#scenario", "Manhattan32-DH-v0")
+    rows = page.evaluate("DATA.rows.filter(row => row.scenario === 'Manhattan32-DH-v0' && row.decisions_per_second)")
+    best = [
+        row["name"]
+        for row in rows
+        if not any(
+            other["decisions_per_second"] > row["decisions_per_second"] and other["cral"][0] >= row["cral"][0] for other in rows
+        )
+    ]
+    assert 1 < len(best) < len(rows)
+    corners = [float(x) for x in re.findall(r"[MH]([0-9.]+)", page.get_attribute("#scatter .front", "d"))]
+    places = page.evaluate(
+        """Array.from(document.querySelectorAll("#scatter .point")).map((one) => {
+            const box = one.getBBox(), said = one.querySelector("title").textContent;
+            return [said.split(":")[0], box.x + box.width / 2];
+        })"""
+    )
+    assert sorted(name for name, x in places if any(abs(x - corner) < 0.01 for corner in corners[:-1])) == sorted(best)
+
+
+def test_says_how_each_agent_decides(official, opened):
+    page = opened(official)
+    page.select_option("#scenario", "Manhattan32-CPP-v0")
+    told = {row.split()[0]: row for row in page.locator("#board tr.entry td.name").all_inner_texts()}
+    for name, method in {"planner": "search on the state", "ddqn": "policy", "greedy": "rules"}.items():
+        assert f"· {method} ·" in told[name]
+
+
 def test_says_why_flights_on_large_maps_cannot_be_watched(official, opened):
     page = opened(official)
     for scenario, watched in (("City128-CPP-v0", False), ("City64-CPP-v0", True)):

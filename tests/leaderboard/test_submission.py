@@ -90,6 +90,7 @@ def test_it_is_filed_under_its_name_and_replaces_an_older_one(result, tmp_path):
         ({"authors": ["a\u202eb"]}, "authors"),
         ({"authors": ["a\u009bb"]}, "authors"),
         ({"training": "a\u2028b"}, "training"),
+        ({"method": "magic"}, "method: write one of policy, policy \\+ mask, rules, .*, or nothing"),
         ({"link": "javascript:alert(1)"}, "link"),
         ({"link": 'https://x" onclick="y'}, "link"),
         ({"training": "x" * 201}, "training"),

@@ -24,6 +24,13 @@ def submit(
     name: Annotated[str, typer.Option(help="The agent's name on the leaderboard.")],
     authors: Annotated[list[str], typer.Option(help="An author of the agent; repeatable.")],
     link: Annotated[str, typer.Option(help="The web address of a description.")] = "",
+    method: Annotated[
+        str,
+        typer.Option(
+            help='How it decides: "policy" (one pass of a network), "policy + mask" (of safe actions), "rules", '
+            '"search on a belief" or "search on the state".'
+        ),
+    ] = "",
     training: Annotated[str, typer.Option(help="What it was trained on, with which seeds.")] = "",
     hardware: Annotated[str, typer.Option(help="The machine it was flown on; by default this one.")] = "",
     out: Annotated[Path, typer.Option(help="The folder of submissions.")] = Path("leaderboard/submissions"),
@@ -43,7 +50,7 @@ def submit(
     try:
         loaded = [load_result(folder) for folder in results]
         with working(Console(stderr=True), "replaying", len(loaded)) as advance:
-            told = {"name": name, "link": link, "training": training, "hardware": hardware}
+            told = {"name": name, "link": link, "method": method, "training": training, "hardware": hardware}
             folders = make_submission(loaded, out, authors=authors, on_checked=advance, **told)
     except UavbenchError as error:
         raise fail(error) from None

@@ -52,7 +52,7 @@ class Row:
     rank : int, optional
         The rank in its scenario and track. Agents whose difference is not significant share one. None for published figures,
         and where ``note`` says why.
-    name, authors, link, training : str
+    name, authors, link, method, training : str
         What the submission says about itself.
     tier : str
         One of `TIERS`.
@@ -88,6 +88,7 @@ class Row:
     name: str
     authors: str
     link: str
+    method: str
     training: str
     tier: str
     rerun_episodes: int
@@ -242,7 +243,8 @@ def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
         name=first.name,
         authors=", ".join(first.authors),
         link=first.link,
-        training=_training(group),
+        method=_said(group, "method"),
+        training=_said(group, "training"),
         tier="rerun" if known_by == {"rerun"} else "replayed",
         rerun_episodes=sum(entry.rerun_episodes for entry in group),
         fresh_episodes=sum(rerun.fresh for rerun in reruns),
@@ -262,11 +264,11 @@ def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
     )
 
 
-def _training(group: Sequence[Entry]) -> str:
-    """Return what the manifests say about an agent's training; if that differs between scenarios, with their ids."""
+def _said(group: Sequence[Entry], field: str) -> str:
+    """Return what the manifests say in a field about an agent; if that differs between scenarios, with their ids."""
     said: dict[str, list[str]] = {}
     for entry in group:
-        said.setdefault(entry.submission.manifest.training, []).append(entry.submission.scenario.id)
+        said.setdefault(getattr(entry.submission.manifest, field), []).append(entry.submission.scenario.id)
     if len(said) == 1:
         return next(iter(said))
     return "; ".join(f"{', '.join(scenarios)}: {text or 'none'}" for text, scenarios in said.items())
@@ -286,6 +288,7 @@ def _published(scenario: str, parts: Sequence[str]) -> Row:
         name=NAME,
         authors=AUTHORS,
         link=LINK,
+        method="policy",
         training="",
         tier="published",
         rerun_episodes=0,

@@ -9,9 +9,9 @@ import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, ValidationError, field_validator
+from pydantic import AfterValidator, Field, ValidationError, field_validator, model_validator
 
 from uavbench.agents.agent import Track
 from uavbench.errors import UavbenchError
@@ -58,6 +58,10 @@ _Name = Annotated[_Line, AfterValidator(_named)]
 _Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", strict=True)]
 _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Count = Annotated[int, Field(strict=True, ge=1, le=10**12)]
+
+
+#: How an agent decides. What is not known is an empty text.
+METHODS = ("policy", "policy + mask", "rules", "search on a belief", "search on the state")
 
 
 class SubmissionError(UavbenchError, ValueError):
@@ -115,6 +119,8 @@ class Manifest(Record):
         Who made it.
     link : str
         Where it is described: an http or https address, or empty.
+    method : str
+        How it decides: one of `METHODS`, or empty.
     training : str
         What it was trained on, with which seeds; empty for an agent that was not trained.
     hardware : str
@@ -126,6 +132,7 @@ class Manifest(Record):
     name: Annotated[str, Field(max_length=40, strict=True), AfterValidator(_plain)]
     authors: Annotated[tuple[_Name, ...], Field(min_length=1, max_length=30)]
     link: _Line = ""
+    method: _Line = ""
     training: _Line = ""
     hardware: _Line = ""
     result: Summary
@@ -136,6 +143,19 @@ class Manifest(Record):
         if link and not re.fullmatch(r"https?://[^\s\"'<>]+", link):
             raise ValueError("write an address that begins with http:// or https://, or nothing")
         return link
+
+    @field_validator("method")
+    @classmethod
+    def _known(cls, method: str) -> str:
+        if method and method not in METHODS:
+            raise ValueError(f"write one of {', '.join(METHODS)}, or nothing")
+        return method
+
+    @model_validator(mode="after")
+    def _sees_what_it_uses(self) -> Self:
+        if self.method == METHODS[-1] and self.result.track != "state":
+            raise ValueError(f"method: {self.method!r} does not go with the track {self.result.track!r}")
+        return self
 
     @property
     def folder(self) -> str:

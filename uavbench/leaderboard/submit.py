@@ -34,6 +34,7 @@ def submit(
     name: str,
     authors: Sequence[str],
     link: str = "",
+    method: str = "",
     training: str = "",
     hardware: str = "",
     on_checked: Callable[[Path], None] = lambda folder: None,
@@ -52,7 +53,8 @@ def submit(
     """
     if not results:
         raise SubmissionError("no results: give folders that uavbench evaluate wrote")
-    told = {"name": name, "authors": tuple(authors), "link": link, "training": training, "hardware": hardware or this_machine()}
+    told = {"name": name, "authors": tuple(authors), "link": link, "method": method, "training": training}
+    told["hardware"] = hardware or this_machine()
     try:
         make_folder(submissions)
         with tempfile.TemporaryDirectory(prefix=".new-", dir=submissions) as staging:

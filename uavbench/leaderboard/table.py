@@ -10,7 +10,7 @@ from uavbench.evaluation.spreadsheet import plain_cell
 from uavbench.leaderboard.ranking import Row
 
 COLUMNS = (
-    *("scenario", "track", "track_known_by", "rank", "name", "authors", "link", "training", "tier", "rerun_episodes"),
+    *("scenario", "track", "track_known_by", "rank", "name", "authors", "link", "method", "training", "tier", "rerun_episodes"),
     *("fresh_episodes", "fresh_difference", "fresh_difference_low", "fresh_difference_high", "note", "episodes"),
     *(f"{name}{part}" for name in METRICS for part in ("", "_low", "_high")),
     *("iqm", "steps", "decisions_per_second_claimed", "gap_to_best_known", "gap_to_bound", "compared", "bounded"),
@@ -26,7 +26,7 @@ def table_text(rows: Sequence[Row]) -> str:
         writer.writerow(
             [
                 *(row.scenario, row.track, row.track_known_by, "" if row.rank is None else row.rank),
-                *(plain_cell(part) for part in (row.name, row.authors, row.link, row.training)),
+                *(plain_cell(part) for part in (row.name, row.authors, row.link, row.method, row.training)),
                 *(row.tier, row.rerun_episodes, row.fresh_episodes),
                 *(_cells(row.fresh_difference) if row.fresh_difference else ("", "", "")),
                 *(row.note, row.episodes),

@@ -43,7 +43,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     const about = element("small", { title: [row.authors, row.training].filter(Boolean).join(" · ") });
     const claimed = row.track_known_by === "claim";
     const track = element("span", claimed ? { title: "what the agent saw is its authors' word: nobody has run it again" } : {}, row.track + (claimed ? " (claimed)" : ""));
-    about.append(track, " · ", row.link ? element("a", { href: row.link, rel: "noopener nofollow" }, row.authors) : row.authors);
+    about.append(track, " · ", ...(row.method ? [row.method, " · "] : []), row.link ? element("a", { href: row.link, rel: "noopener nofollow" }, row.authors) : row.authors);
     const shown = element("span", {}, name, " ", tier, about);
     if (row.note) shown.append(element("small", { class: "why" }, row.note));
     return shown;

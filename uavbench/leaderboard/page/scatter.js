@@ -48,9 +48,17 @@ const Scatter = (() => {
       const label = below ? `${row.name} ${values[k].toFixed(1)}` : row.name;
       return { row, at, below, label, told: `${row.name}: ${values[k].toFixed(1)} %, ${times[k].toPrecision(2)} ms` };
     });
+    drawn.append(svg("path", { class: "front", d: front(points.map(({ at }) => at), width - RIGHT) }));
     for (const { row, at: [a, b], below, told } of points) drawn.append(point(row.track, a, b, below, svg("title", {}, told)));
     find("below").hidden = !points.some((each) => each.below);
     label(drawn, points, width - RIGHT / 2, height - BOTTOM);
+  }
+
+  // The Pareto front: a line in steps over the agents that no other one beats in both, from the fastest one to the right edge.
+  function front(points, right) {
+    const best = [];
+    for (const [x, y] of [...points].sort((a, b) => a[0] - b[0] || a[1] - b[1])) if (!best.length || y < best.at(-1)[1]) best.push([x, y]);
+    return best.map(([x, y], k) => (k ? `H${x}V${y}` : `M${x} ${y}`)).join("") + `H${right}`;
   }
 
   function point(track, x, y, below, title) {
