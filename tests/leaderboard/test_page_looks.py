@@ -132,8 +132,8 @@ def test_the_scatter_names_every_agent_and_names_do_not_meet(official, opened, s
 
 def test_a_line_joins_the_agents_that_no_other_one_beats_in_score_and_time(official, opened):
     page = opened(official)
-    page.select_option("#scenario", "Manhattan32-DH-v0")
-    rows = page.evaluate("DATA.rows.filter(row => row.scenario === 'Manhattan32-DH-v0' && row.decisions_per_second)")
+    page.select_option("#scenario", "Manhattan32-CPP-v0")
+    rows = page.evaluate("DATA.rows.filter(row => row.scenario === 'Manhattan32-CPP-v0' && row.decisions_per_second)")
     best = [
         row["name"]
         for row in rows
