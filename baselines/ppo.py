@@ -59,6 +59,8 @@ class Config:
         Adam's learning rate, and the largest norm of a gradient.
     random_start_fraction, last_random_start_fraction : float
         Share of episodes that start in any cell, with any budget that suffices to land; not for teams.
+    blocks : int
+        Residual blocks of the network for each map.
     safe_mask, symmetries, half : bool
         Whether to take safe actions only, whether to learn and decide in all symmetries, and whether to compute in bfloat16
         where the processor can.
@@ -86,6 +88,7 @@ class Config:
     max_norm: float = 1.0
     random_start_fraction: float = 0.3
     last_random_start_fraction: float = 0.0
+    blocks: int = 2
     safe_mask: bool = True
     symmetries: bool = True
     half: bool = True
@@ -252,7 +255,7 @@ class Learner:
 
     def _network(self):
         """Return a new network."""
-        return Network(self.scenario)
+        return Network(self.scenario, blocks=self.config.blocks)
 
     def start_from(self, path):
         """Begin with the network of a weights file."""
@@ -410,9 +413,9 @@ class Agent:
 
     def __init__(self, scenario, weights=None, name="ppo"):
         path = weights or weights_path(name, scenario)
-        self.network = Network(scenario)
-        unpack_network(weights_for(path, scenario), self.network, path, scenario)
         trained = training_record(path).get("config", {})
+        self.network = Network(scenario, blocks=trained.get("blocks", 2))
+        unpack_network(weights_for(path, scenario), self.network, path, scenario)
         self._safe, self._symmetries = trained.get("safe_mask", True), trained.get("symmetries", True)
 
     def act_batch(self, observations, infos):

@@ -462,7 +462,7 @@ def test_data_harvesting_needs_a_cell_for_a_device(bring, tmp_path):
 def test_a_missing_library_is_named(town, bring, monkeypatch):
     monkeypatch.setitem(sys.modules, "shapely", None)
     code, text = bring(town)
-    assert (code, text) == (2, "uavbench: importing a city needs shapely: pip install 'uavbench[cities]'\n")
+    assert (code, text) == (2, "uavbench: places on earth need shapely: pip install 'uavbench[cities]'\n")
 
 
 def test_the_projection_is_true_near_its_centre():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from uavbench.cli import cities, leaderboard, learning, pictures
+from uavbench.cli import cities, flight, leaderboard, learning, pictures
 from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, command, fail, flown, number
 from uavbench.cli.speed import speed
 from uavbench.evaluation.interrupt import terminating_interrupts
@@ -383,5 +383,9 @@ app.command(epilog="\b\nExample:\n  uavbench plot results/Manhattan32-CPP-v0/my_
 app.command(epilog="\b\nExample:\n  uavbench film results/Manhattan32-CPP-v0/my_agent --episode 17 --out flight.gif")(
     pictures.film
 )
+app.command(
+    epilog="\b\nExamples:\n  uavbench mission results/Helsinki50-CPP-v0/planner --episode 17 --speed 4 --altitude 25\n"
+    "  uavbench mission results/Urban50-DH-v0/planner --origin 48.262,11.668 --format kml --out flight.kml"
+)(flight.mission)
 app.command(epilog="\b\nExample:\n  uavbench play Block8-DH-v0")(pictures.play)
 app.command(epilog="\b\nExample:\n  uavbench report results/Manhattan32-CPP-v0/* --out report")(pictures.report)

@@ -28,4 +28,4 @@ def library(name: str) -> Any:
     try:
         return importlib.import_module(name)
     except ImportError:
-        raise GeodataError(f"importing a city needs {name}: pip install 'uavbench[cities]'") from None
+        raise GeodataError(f"places on earth need {name}: pip install 'uavbench[cities]'") from None

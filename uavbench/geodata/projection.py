@@ -45,6 +45,14 @@ class Projection:
     def _points(self, degrees: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.column_stack(self._transform(degrees[:, 0], degrees[:, 1]))
 
+    def to_degrees(self, x: float, y: float) -> tuple[float, float]:
+        """Return latitude and longitude of a point that is ``x`` metres east and ``y`` metres north of the centre.
+
+        They have seven digits after the point, which is about a centimetre.
+        """
+        lon, lat = self._transform(x, y, inverse=True)
+        return round(float(lat), 7), round(float(lon), 7)
+
     def bounds(self, height: float, width: float) -> tuple[float, float, float, float]:
         """Return south, west, north and east, in degrees, of a map of ``height`` × ``width`` metres around the centre.
 

@@ -1,0 +1,58 @@
+"""``uavbench mission``: flights for autopilots."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from uavbench.cli.shared import ResultFolder, ScenarioFile, fail, flown
+
+
+def mission(
+    folder: ResultFolder,
+    episode: Annotated[int, typer.Option(min=0, help="The number of the episode.")] = 0,
+    format_: Annotated[
+        Literal["plan", "waypoints", "geojson", "kml"],
+        typer.Option("--format", help="plan: QGroundControl. waypoints: Mission Planner and MAVProxy. geojson, kml: maps."),
+    ] = "plan",
+    out: Annotated[
+        Path | None, typer.Option(help="The file; by default <scenario>-<agent>-<episode>. A team has a file for each UAV.")
+    ] = None,
+    origin: Annotated[
+        str | None, typer.Option(metavar="LAT,LON", help="Where the middle of the map is, for a map that is no real place.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="m/s.")] = 5.0,
+    altitude: Annotated[
+        float | None, typer.Option(help="m above the place of take-off; by default what the scenario says, or 10.")
+    ] = None,
+    altitude_step: Annotated[float, typer.Option(help="How much higher each further UAV of a team flies, m.")] = 0.0,
+    camera_distance: Annotated[
+        float | None, typer.Option(help="In coverage: metres between two pictures; by default the side of a cell.")
+    ] = None,
+    unsafe: Annotated[
+        bool, typer.Option("--unsafe", help="Write a flight that crashed, too, with a warning in the file.")
+    ] = False,
+    scenario: ScenarioFile = None,
+) -> None:
+    """Write an episode of a result as a mission, which ground stations load and autopilots fly.
+
+    Needs the extra cities: pip install 'uavbench[cities]'.
+    """
+    from uavbench import UavbenchError
+    from uavbench.flight.ground import altitude_of, read_origin
+    from uavbench.flight.mission import Settings
+    from uavbench.flight.mission_files import write_missions
+    from uavbench.flight.route import recorded_flight
+
+    try:
+        place = None if origin is None else read_origin(origin)
+        flight = recorded_flight(flown(folder), episode, scenario)
+        height = altitude_of(flight.scenario) if altitude is None else altitude
+        settings = Settings(speed, height, altitude_step, camera_distance)
+        paths = write_missions(flight, format_, settings=settings, origin=place, out=out, unsafe=unsafe)
+    except UavbenchError as error:
+        raise fail(error) from None
+    except OSError as error:
+        raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
+    for path in paths:
+        typer.echo(path)

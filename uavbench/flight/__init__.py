@@ -1,0 +1,1 @@
+"""Out of the grid: mission files for autopilots."""

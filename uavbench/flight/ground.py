@@ -1,0 +1,91 @@
+"""Where a cell of a map is on earth: latitude, longitude and metres."""
+
+from collections.abc import Sequence
+
+from uavbench.errors import one_line
+from uavbench.flight.route import FlightError
+from uavbench.geodata.libraries import GeodataError
+from uavbench.geodata.projection import Projection
+from uavbench.world.scenario import Scenario
+
+#: Side of a cell in metres, where a scenario does not give it (the paper's).
+CELL = 10.0
+_ALTITUDE = 10.0
+
+
+class Ground:
+    """The ground of a scenario's map.
+
+    Parameters
+    ----------
+    scenario : Scenario
+    origin : (float, float), optional
+        Latitude and longitude of the middle of the map, in degrees (WGS 84). A scenario of a real place has its own.
+
+    Attributes
+    ----------
+    cell : float
+        Side of a cell in metres.
+
+    Raises
+    ------
+    FlightError
+        When the map has no place on earth and none is given, it has one and another is given, or it is no place.
+    """
+
+    def __init__(self, scenario: Scenario, origin: tuple[float, float] | None = None) -> None:
+        provenance = scenario.provenance
+        if provenance is None and origin is None:
+            raise FlightError(f"{scenario.id} is no real place: say where its map is, --origin LAT,LON of its middle")
+        if provenance is not None and origin is not None:
+            raise FlightError(
+                f"--origin: {scenario.id} is a real place, at {provenance.centre[0]},{provenance.centre[1]}: leave it out"
+            )
+        self.cell = cell_size(scenario)
+        self._rows, self._cols = scenario.shape
+        try:
+            self._projection = Projection(provenance.centre if provenance else origin or (0.0, 0.0))
+        except GeodataError as error:
+            raise FlightError(f"--origin: {error}") from None
+
+    def metres(self, row: float, col: float) -> tuple[float, float]:
+        """Return how far a point of the map is east and north of its middle, in metres; cell centres have whole numbers."""
+        return (col + 0.5 - self._cols / 2) * self.cell, (self._rows / 2 - row - 0.5) * self.cell
+
+    def degrees(self, row: float, col: float) -> tuple[float, float]:
+        """Return latitude and longitude of a point of the map, in degrees with seven digits (about a centimetre)."""
+        return self._projection.to_degrees(*self.metres(row, col))
+
+    def ring(self, corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Return latitudes and longitudes of the corners of cells; the corner (0, 0) is the north-west one of the map."""
+        return [self.degrees(row - 0.5, col - 0.5) for row, col in corners]
+
+
+def cell_size(scenario: Scenario) -> float:
+    """Return the side of a cell in metres."""
+    if scenario.provenance is not None:
+        return scenario.provenance.cell_size
+    return float(getattr(scenario.mission, "cell_size", CELL))
+
+
+def altitude_of(scenario: Scenario) -> float:
+    """Return the flying altitude of a scenario in metres; 10 where it does not give one (the paper's)."""
+    if scenario.provenance is not None:
+        return scenario.provenance.altitude
+    return float(getattr(scenario.mission, "altitude", _ALTITUDE))
+
+
+def read_origin(text: str) -> tuple[float, float]:
+    """Return latitude and longitude from the text ``LAT,LON``.
+
+    Raises
+    ------
+    FlightError
+        When the text is no two numbers.
+    """
+    parts = text.split(",")
+    try:
+        lat, lon = (float(part) for part in parts)
+    except ValueError:
+        raise FlightError(f"--origin {one_line(text)}: write latitude and longitude in degrees, as in 60.17,24.94") from None
+    return lat, lon
