@@ -52,7 +52,7 @@ def test_the_leaderboards_rules_say_how_many_flights_the_page_has():
 
 @pytest.mark.parametrize("name", ["docs/agents.md", "leaderboard/README.md"])
 def test_it_names_the_scenarios_for_which_ddqn_has_weights(name):
-    (said,) = re.findall(r"`ddqn` (?:is|\|)[^.|]*weights:? (?:for )?the paper's four, (.*?)(?:\.| \|)", text_of(name))
+    (said,) = re.findall(r"`ddqn` (?:is|\| policy \|)[^.|]*weights:? (?:for )?the paper's four, (.*?)(?:\.| \|)", text_of(name))
     assert {*PAPER_SCENARIOS, *re.findall(r"[\w-]+-v0", said)} == shipped_weights("ddqn").keys()
 
 
