@@ -40,7 +40,7 @@ def geojson_text(mission: Mission) -> str:
         _zone(mission, "landing", np.asarray(flight.city.landing)),
         _zone(mission, "no_fly", np.asarray(flight.city.no_fly)),
     ]
-    if flight.scenario.mission.kind == "harvesting":
+    if mission.marks:
         for cell in np.argwhere(flight.target > 0).tolist():
             amounts = {"data": float(flight.target[tuple(cell)]), "left": float(flight.left[tuple(cell)])}
             features.append(_feature("device", {"type": "Point", "coordinates": _point(ground.degrees(*cell))}, amounts))

@@ -35,7 +35,7 @@ def kml_text(mission: Mission) -> str:
     _path(document, mission)
     city, flight = mission.flight.city, mission.flight
     zones = {"landing": np.asarray(city.landing), "no_fly": np.asarray(city.no_fly)}
-    if flight.scenario.mission.kind == "harvesting":
+    if mission.marks:
         for cell in np.argwhere(flight.target > 0).tolist():
             before, left = float(flight.target[tuple(cell)]), float(flight.left[tuple(cell)])
             place = mission.ground.degrees(*cell)

@@ -116,14 +116,14 @@ class Mission:
             Item(TAKE_OFF, ABOVE_HOME, place=self._place(start.cell)),
             Item(CHANGE_SPEED, NO_PLACE, (_GROUND_SPEED, self.settings.speed, _SAME_THROTTLE, 0.0)),
         ]
-        covers = self.flight.scenario.mission.kind == "coverage"
-        if covers:
+        takes_pictures = hasattr(self.flight.scenario.mission, "camera_size")
+        if takes_pictures:
             apart = self.settings.camera_distance or self.ground.cell
             items.append(Item(TRIGGER_CAMERA, NO_PLACE, (apart, 0.0, 1.0, 0.0)))
         for stop in (start, *others) if start.wait else others:
             hold = (stop.wait * seconds, 0.0, 0.0, 0.0)
             items.append(Item(LOITER_TIME if stop.wait else WAYPOINT, ABOVE_HOME, hold, self._place(stop.cell)))
-        if covers:
+        if takes_pictures:
             items.append(Item(TRIGGER_CAMERA, NO_PLACE))
         lat, lon, _ = self._place(self.route.stops[-1].cell)
         items.append(Item(LAND, ABOVE_HOME, place=(lat, lon, 0.0)))
@@ -136,6 +136,11 @@ class Mission:
     def _place(self, cell: tuple[int, int]) -> tuple[float, float, float]:
         lat, lon = self.ground.degrees(*cell)
         return lat, lon, self.altitude
+
+    @property
+    def marks(self) -> bool:
+        """Whether targets are marks, such as devices, and not areas of cells."""
+        return bool(self.flight.scenario.mission.words.mark)
 
     def done(self) -> NDArray[np.bool_]:
         """Return the cells whose targets the flight covers, or whose device it empties, shape (M, N)."""
