@@ -117,6 +117,7 @@ def lines_of_code(node: ast.FunctionDef) -> int:
 LONG_SIGNATURES = {
     "cli/cities.py:import_city": "the options of the command",
     "cli/app.py:evaluate": "the options of the command",
+    "cli/flight.py:fly": "the options of the command",
     "cli/flight.py:mission": "the options of the command",
     "cli/learning.py:train": "the options of the command",
     "leaderboard/submit.py:submit": "what a submission says about itself",

@@ -387,5 +387,9 @@ app.command(
     epilog="\b\nExamples:\n  uavbench mission results/Helsinki50-CPP-v0/planner --episode 17 --speed 4 --altitude 25\n"
     "  uavbench mission results/Urban50-DH-v0/planner --origin 48.262,11.668 --format kml --out flight.kml"
 )(flight.mission)
+app.command(
+    epilog="\b\nExamples:\n  uavbench fly results/Manhattan32-CPP-v0/planner --episode 17 --speed 5 --out flown.png\n"
+    "  uavbench fly results/Helsinki50-DH-v0/greedy --speed 3 --wind 4 --film flown.mp4"
+)(flight.fly)
 app.command(epilog="\b\nExample:\n  uavbench play Block8-DH-v0")(pictures.play)
 app.command(epilog="\b\nExample:\n  uavbench report results/Manhattan32-CPP-v0/* --out report")(pictures.report)

@@ -1,5 +1,6 @@
 """What the commands print: tables and maps."""
 
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import groupby
 from typing import TYPE_CHECKING, Any, cast
@@ -21,6 +22,7 @@ if TYPE_CHECKING:  # these import the compiler, and listing scenarios must not w
     from uavbench.evaluation.metrics import Comparison, Interval
     from uavbench.evaluation.reference import Gaps, Reference
     from uavbench.evaluation.results import Result
+    from uavbench.flight.flown import Flown
     from uavbench.leaderboard.ranking import Row
     from uavbench.speed.measure import Speed
 
@@ -195,3 +197,28 @@ def leaderboard_tables(rows: "Iterable[Row]") -> Group:
         interval = "published" if row.tier == "published" else _bounds(row.cral)
         tables[row.track].add_row(row.scenario, row.name, rank, *scores, interval)
     return Group(*tables.values())
+
+
+def flown_table(flown: "Flown") -> Group:
+    """Return what `uavbench fly` prints: what each quadrotor did, and CR as flown beside CR on the grid."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), show_edge=False)
+    for column in ("", *(f"UAV {k + 1}" for k in range(len(flown.uavs)))) if len(flown.uavs) > 1 else ("", "UAV"):
+        table.add_column(column, justify="right" if column else "left")
+    rows = {
+        "hit something": ["yes" if uav.hit else "no" for uav in flown.uavs],
+        "entered a no-fly zone": ["yes" if uav.zone else "no" for uav in flown.uavs],
+        "least distance to a building": [_metres(uav.clearance) for uav in flown.uavs],
+        "largest distance off the track": [_metres(uav.off_track) for uav in flown.uavs],
+        "time": [f"{uav.seconds:.0f} s" for uav in flown.uavs],
+        "energy": [f"{uav.energy:.1f} Wh" for uav in flown.uavs],
+    }
+    for name, cells in rows.items():
+        table.add_row(name, *cells)
+    flight, said = flown.flight, flown.conditions
+    title = f"{flight.scenario.id}, episode {flight.episode}, {flight.agent}: {said.speed:g} m/s, wind {said.wind:g} m/s"
+    scores = f"CR as flown {100 * flown.cr:.1f} %, on the grid {100 * flight.cr:.1f} %"
+    return Group(Text(title, style="bold"), table, Text(scores))
+
+
+def _metres(value: float) -> str:
+    return "–" if math.isinf(value) else f"{value:.1f} m"

@@ -1,4 +1,4 @@
-"""``uavbench mission``: flights for autopilots."""
+"""``uavbench mission`` and ``uavbench fly``: flights for autopilots, and flights with physics."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -56,3 +56,55 @@ def mission(
         raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
     for path in paths:
         typer.echo(path)
+
+
+def fly(
+    folder: ResultFolder,
+    episode: Annotated[int, typer.Option(min=0, help="The number of the episode.")] = 0,
+    speed: Annotated[float, typer.Option(help="m/s.")] = 3.0,
+    wind: Annotated[float, typer.Option(help="The mean wind in m/s; with wind there are gusts.")] = 0.0,
+    acceleration: Annotated[float, typer.Option(help="The largest acceleration that is asked for, m/s².")] = 2.0,
+    tolerance: Annotated[float, typer.Option(help="How far from a corner the quadrotor may pass, m.")] = 1.0,
+    out: Annotated[Path | None, typer.Option(help="A figure from above: a .png, .svg or .pdf file.")] = None,
+    film: Annotated[Path | None, typer.Option(help="A film from above: an .mp4 or .gif file.")] = None,
+    scenario: ScenarioFile = None,
+) -> None:
+    """Fly an episode of a result with a simulated quadrotor, and tell whether it survives.
+
+    The exit status is 1 if it hits something or enters a no-fly zone. Needs the extra flight: pip install 'uavbench[flight]'.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError
+    from uavbench.cli.display import flown_table
+    from uavbench.cli.progress import working
+    from uavbench.flight.flown import Conditions
+    from uavbench.flight.flown import fly as fly_flight
+    from uavbench.flight.route import recorded_flight
+    from uavbench.pictures.film import check_film, save_film
+    from uavbench.pictures.flown import flown_scenes, save_flown
+    from uavbench.pictures.plot import check_plot
+
+    console = Console(stderr=True)
+    try:
+        if out is not None:
+            check_plot(out)
+        if film is not None:
+            check_film(film, 16.0)
+        result = flown(folder)
+        flight = recorded_flight(result, episode, scenario)
+        with working(console, "flying", len(flight.routes)) as advance:
+            found = fly_flight(flight, Conditions(speed, wind, acceleration, tolerance), advance)
+        Console().print(flown_table(found))
+        if out is not None:
+            save_flown(result, found, out, scenario)
+            typer.echo(out)
+        if film is not None:
+            scenes = flown_scenes(result, found, scenario)
+            with working(console, "filming", len(scenes)) as advance:
+                save_film(scenes, film, 16.0, advance)
+            typer.echo(film)
+    except UavbenchError as error:
+        raise fail(error) from None
+    if not found.safe:
+        raise typer.Exit(1)

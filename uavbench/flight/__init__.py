@@ -1,1 +1,1 @@
-"""Out of the grid: mission files for autopilots."""
+"""Out of the grid: mission files for autopilots, and flights with physics."""

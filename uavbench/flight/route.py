@@ -11,7 +11,7 @@ from uavbench.evaluation.replay import flown_in, fly_recorded
 from uavbench.evaluation.results import Result
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.city import City
-from uavbench.world.scenario import Scenario
+from uavbench.world.scenario import Scenario, SplitName
 
 Cell = tuple[int, int]
 
@@ -63,6 +63,7 @@ class Flight:
     scenario : Scenario
     agent : str
         Who flew it.
+    split : {"train", "validation", "test"}
     episode : int
     city : City
     routes : tuple of Route
@@ -77,6 +78,7 @@ class Flight:
 
     scenario: Scenario
     agent: str
+    split: SplitName
     episode: int
     city: City
     routes: tuple[Route, ...]
@@ -134,7 +136,7 @@ def recorded_flight(result: Result, number: int, scenario_file: str | None = Non
         raise FlightError(f"{result.folder}: episode {number}: actions.npz does not hold the actions of a whole episode")
     assert watch.city is not None
     routes = tuple(route_of(cells, landed) for cells, landed in zip(watch.cells, watch.landed, strict=True))
-    return Flight(scenario, result.summary["agent"], number, watch.city, routes, watch.target, watch.left, record.cr)
+    return Flight(scenario, result.summary["agent"], split, number, watch.city, routes, watch.target, watch.left, record.cr)
 
 
 def route_of(cells: list[Cell], landed: bool) -> Route:

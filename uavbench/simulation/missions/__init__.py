@@ -57,6 +57,22 @@ class Mission(ABC):
     def collect(self, state: "State", uav: int) -> None:
         """Cover or collect with UAV ``uav`` of every slot where it is active, and add the gain times r_c to its reward."""
 
+    def collect_at(self, state: "State", uav: int, place: tuple[float, float]) -> None:
+        """Cover or collect with UAV ``uav`` of slot 0 from a place between cells, for flights outside the grid.
+
+        Parameters
+        ----------
+        state : State
+            A state of one slot.
+        uav : int
+        place : (float, float)
+            Row and column, not rounded, on the map. By default what is covered or collected in the cell is.
+        """
+        rows, cols = state.target.shape[1:]
+        cell = [min(max(round(place[0]), 0), rows - 1), min(max(round(place[1]), 0), cols - 1)]
+        state.previous[0, uav] = state.position[0, uav] = cell
+        self.collect(state, uav)
+
     def arrays(self) -> Mapping[str, NDArray[Any]]:
         """Return the mission's own arrays that change within an episode or between episodes, each of shape (B, …).
 

@@ -190,6 +190,13 @@ class HarvestingMission(Mission):
         else:
             _collect(0, len(state.done), self._channel, *arrays)
 
+    def collect_at(self, state: State, uav: int, place: tuple[float, float]) -> None:
+        """Serve a device in one communication step from a place between cells; its noise is that of its step alone."""
+        here: NDArray[Any] = np.full((1, state.done.shape[1], 2), place, dtype=np.float64)
+        channel, served = self._channel._replace(steps=1), self._served_last[:1]
+        arrays = (state.key, uav, state.noise, here, here, state.budget, state.initial_budget, state.done, state.target)
+        _collect(0, 1, channel, *arrays, state.remaining, state.reward, *self.devices, served, self._collect_reward)
+
     def view(self, i: int) -> Mapping[str, NDArray[Any]]:
         """Return ``device_cell``, shape (K, 2), and ``device_data``, the data left at each device, shape (K,)."""
         d, k = self.devices, self.devices.number[i]
