@@ -99,13 +99,12 @@ class Config:
 CONFIGS = {
     "fast": Config(),
     "finish": Config(
+        updates=700,
         critic_first=10,
-        epochs=2,
-        clip=0.15,
+        clip=0.1,
         discount=0.98,
         entropy=0.002,
-        learning_rate=3e-4,
-        last_learning_rate=2e-5,
+        learning_rate=1.5e-4,
         random_start_fraction=0.0,
     ),
 }

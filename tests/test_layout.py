@@ -119,6 +119,7 @@ LONG_SIGNATURES = {
     "cli/app.py:evaluate": "the options of the command",
     "cli/flight.py:fly": "the options of the command",
     "cli/flight.py:mission": "the options of the command",
+    "cli/flight.py:plan": "the options of the command",
     "cli/learning.py:train": "the options of the command",
     "leaderboard/submit.py:submit": "what a submission says about itself",
     "learning/train.py:train": "the options of a training, and who is told how it goes",

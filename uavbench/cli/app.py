@@ -391,5 +391,9 @@ app.command(
     epilog="\b\nExamples:\n  uavbench fly results/Manhattan32-CPP-v0/planner --episode 17 --speed 5 --out flown.png\n"
     "  uavbench fly results/Helsinki50-DH-v0/greedy --speed 3 --wind 4 --film flown.mp4"
 )(flight.fly)
+app.command(
+    epilog="\b\nExamples:\n  uavbench plan my_city.toml --targets field.geojson --budget 300 --picture flight.png\n"
+    "  uavbench plan my_city-dh.toml --targets sensors.csv --start 60.1705,24.9415 --speed 4"
+)(flight.plan)
 app.command(epilog="\b\nExample:\n  uavbench play Block8-DH-v0")(pictures.play)
 app.command(epilog="\b\nExample:\n  uavbench report results/Manhattan32-CPP-v0/* --out report")(pictures.report)

@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # these import the compiler, and listing scenarios must not w
     from uavbench.evaluation.reference import Gaps, Reference
     from uavbench.evaluation.results import Result
     from uavbench.flight.flown import Flown
+    from uavbench.flight.route import Flight
     from uavbench.leaderboard.ranking import Row
     from uavbench.speed.measure import Speed
 
@@ -218,6 +219,19 @@ def flown_table(flown: "Flown") -> Group:
     title = f"{flight.scenario.id}, episode {flight.episode}, {flight.agent}: {said.speed:g} m/s, wind {said.wind:g} m/s"
     scores = f"CR as flown {100 * flown.cr:.1f} %, on the grid {100 * flight.cr:.1f} %"
     return Group(Text(title, style="bold"), table, Text(scores))
+
+
+def own_lines(flight: "Flight", cell: float, speed: float) -> Iterator[str]:
+    """Yield what `uavbench plan` prints of a flight."""
+    (route,) = flight.routes
+    steps = route.moves + sum(stop.wait for stop in route.stops)
+    given, done = int((flight.target > 0).sum()), int(((flight.target > 0) & (flight.left <= 0)).sum())
+    what = "devices emptied" if flight.scenario.mission.words.mark else "cells covered"
+    yield f"{what}: {done} of {given}; CR {100 * flight.cr:.1f} %"
+    minutes = steps * cell / speed / 60
+    yield f"{route.moves * cell:,.0f} m, {minutes:.1f} min at {speed:g} m/s, {steps} of {flight.scenario.budget[1]} moves"
+    if not route.landed:
+        yield "it does not land within its budget"
 
 
 def _metres(value: float) -> str:

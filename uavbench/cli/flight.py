@@ -1,4 +1,4 @@
-"""``uavbench mission`` and ``uavbench fly``: flights for autopilots, and flights with physics."""
+"""``uavbench mission``, ``fly`` and ``plan``: flights for autopilots, with physics, and of a person's own."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -108,3 +108,69 @@ def fly(
         raise fail(error) from None
     if not found.safe:
         raise typer.Exit(1)
+
+
+def plan(
+    scenario: Annotated[str, typer.Argument(help="The .toml file of your city, as import writes it, or an id.")],
+    targets: Annotated[
+        Path,
+        typer.Option(help="What to cover: areas in a .geojson file. What to collect: devices in a .csv file, lat,lon,data."),
+    ],
+    start: Annotated[
+        str | None, typer.Option(metavar="LAT,LON", help="Where to start; by default the nearest landing zone.")
+    ] = None,
+    budget: Annotated[
+        int | None, typer.Option(help="How many moves the UAV may take; by default as many as in the scenario.")
+    ] = None,
+    format_: Annotated[
+        Literal["plan", "waypoints", "geojson", "kml"], typer.Option("--format", help="The format of the mission.")
+    ] = "plan",
+    out: Annotated[Path | None, typer.Option(help="The mission's file; by default named after the targets.")] = None,
+    picture: Annotated[Path | None, typer.Option(help="A picture of the flight: a .png, .svg or .pdf file.")] = None,
+    origin: Annotated[
+        str | None, typer.Option(metavar="LAT,LON", help="Where the middle of the map is, for a map that is no real place.")
+    ] = None,
+    speed: Annotated[float, typer.Option(help="m/s.")] = 5.0,
+    altitude: Annotated[float | None, typer.Option(help="m above the place of take-off.")] = None,
+    agent: Annotated[str, typer.Option(help="Who plans: a built-in agent, or a file as for evaluate.")] = "planner",
+) -> None:
+    """Plan one real flight over targets of your own, and write its mission.
+
+    Needs the extra cities: pip install 'uavbench[cities]'.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError, load_scenario
+    from uavbench.cli.display import own_lines
+    from uavbench.cli.progress import working
+    from uavbench.flight.ground import Ground, altitude_of, read_origin
+    from uavbench.flight.mission import Settings
+    from uavbench.flight.mission_files import FORMATS, write_missions
+    from uavbench.flight.own import plan_own
+    from uavbench.pictures.plot import check_plot, save_plot
+    from uavbench.pictures.watch import own_scene
+
+    try:
+        if picture is not None:
+            check_plot(picture)
+        loaded = load_scenario(scenario)
+        place = None if origin is None else read_origin(origin)
+        ground = Ground(loaded, place)
+        begins = None if start is None else read_origin(start, "--start")
+        with working(Console(stderr=True), "planning", 1) as advance:
+            own = plan_own(loaded, targets, ground, agent=agent, start=begins, budget=budget)
+            advance(own)
+        settings = Settings(speed, altitude_of(loaded) if altitude is None else altitude)
+        path = out or Path(f"{targets.stem}{FORMATS[format_][1]}")
+        write_missions(own.flight, format_, settings=settings, origin=place, out=path)
+        if picture is not None:
+            save_plot(own_scene(own), picture)
+    except UavbenchError as error:
+        raise fail(error) from None
+    except OSError as error:
+        raise fail(f"--out: cannot write {error.filename or out}: {error.strerror}") from None
+    for line in own_lines(own.flight, ground.cell, speed):
+        typer.echo(line)
+    for written in (path, picture):
+        if written is not None:
+            typer.echo(written)

@@ -7,7 +7,7 @@ of a team decide by what they see before the step, whether the agent is called f
 
 import itertools
 import traceback
-from collections.abc import Callable, Generator, Iterator, MutableSequence, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -107,6 +107,8 @@ class Job:
     fresh : int, optional
         A key from which unpublished episodes are drawn, to be flown instead of those of the split. The agent is given the
         numbers and seeds of the split's episodes, which reveal nothing about these.
+    options : mapping, optional
+        What is set by hand in each episode, as in `uavbench.simulation.simulator.Simulator.customise`.
     """
 
     source: AgentSource
@@ -116,6 +118,7 @@ class Job:
     batch_size: int = DEFAULT_BATCH
     agent_sha256: str | None = None
     fresh: int | None = None
+    options: Mapping[str, Any] | None = None
 
 
 def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[EpisodeRecord]:
@@ -213,6 +216,8 @@ class _Flight:
             simulator.reset(np.arange(count), job.split, numbers)
         else:
             simulator.sample(np.arange(count), fresh_keys(job.fresh, numbers))
+        for i in range(count if job.options else 0):
+            simulator.customise(i, job.options or {})
         fixed = [self._fixed_info(simulator, i, u, number) for i, number in enumerate(numbers) for u in range(most)]
         actions = np.full((count, int(state.budget.max()), most), NO_ACTION, dtype=np.uint8)
         seconds, rewards = np.zeros(count), np.zeros(count)

@@ -1,5 +1,6 @@
 """Where a cell of a map is on earth: latitude, longitude and metres."""
 
+import math
 from collections.abc import Sequence
 
 from uavbench.errors import one_line
@@ -26,6 +27,8 @@ class Ground:
     ----------
     cell : float
         Side of a cell in metres.
+    projection : Projection
+        From degrees to metres around the middle of the map.
 
     Raises
     ------
@@ -44,7 +47,7 @@ class Ground:
         self.cell = cell_size(scenario)
         self._rows, self._cols = scenario.shape
         try:
-            self._projection = Projection(provenance.centre if provenance else origin or (0.0, 0.0))
+            self.projection = Projection(provenance.centre if provenance else origin or (0.0, 0.0))
         except GeodataError as error:
             raise FlightError(f"--origin: {error}") from None
 
@@ -54,7 +57,18 @@ class Ground:
 
     def degrees(self, row: float, col: float) -> tuple[float, float]:
         """Return latitude and longitude of a point of the map, in degrees with seven digits (about a centimetre)."""
-        return self._projection.to_degrees(*self.metres(row, col))
+        return self.projection.to_degrees(*self.metres(row, col))
+
+    def cell_at(self, lat: float, lon: float) -> tuple[int, int]:
+        """Return row and column of the cell in which a place is; they may be off the map."""
+        east, north = self.projection.from_degrees(lat, lon)
+        return math.floor(self._rows / 2 - north / self.cell), math.floor(east / self.cell + self._cols / 2)
+
+    def bounds_text(self) -> str:
+        """Return where the map is, for messages."""
+        corners = self.ring([(0, 0), (0, self._cols), (self._rows, self._cols), (self._rows, 0)])
+        lats, lons = zip(*corners, strict=True)
+        return f"which is from {min(lats):.5f},{min(lons):.5f} to {max(lats):.5f},{max(lons):.5f}"
 
     def ring(self, corners: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
         """Return latitudes and longitudes of the corners of cells; the corner (0, 0) is the north-west one of the map."""
@@ -75,8 +89,8 @@ def altitude_of(scenario: Scenario) -> float:
     return float(getattr(scenario.mission, "altitude", _ALTITUDE))
 
 
-def read_origin(text: str) -> tuple[float, float]:
-    """Return latitude and longitude from the text ``LAT,LON``.
+def read_origin(text: str, option: str = "--origin") -> tuple[float, float]:
+    """Return latitude and longitude from the text ``LAT,LON`` of an option.
 
     Raises
     ------
@@ -87,5 +101,5 @@ def read_origin(text: str) -> tuple[float, float]:
     try:
         lat, lon = (float(part) for part in parts)
     except ValueError:
-        raise FlightError(f"--origin {one_line(text)}: write latitude and longitude in degrees, as in 60.17,24.94") from None
+        raise FlightError(f"{option} {one_line(text)}: write latitude and longitude in degrees, as in 60.17,24.94") from None
     return lat, lon

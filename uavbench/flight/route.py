@@ -1,7 +1,9 @@
 """The routes of a recorded flight: where each UAV turns, waits and ends, and what it covers or collects."""
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +103,7 @@ class _Watch:
         self.target = self.left = np.zeros((0, 0), dtype=np.float32)
         self.city: City | None = None
         self._flew: list[bool] = []
+        self._cr = 0.0
 
     def __call__(self, simulator: Simulator) -> None:
         state = simulator.state
@@ -114,6 +117,13 @@ class _Watch:
                 self.cells[u].append((row, col))
         self._flew = [not done for done in state.done[0, :uavs].tolist()]
         self.left, self.landed = state.target[0].copy(), state.landed[0, :uavs].tolist()
+        self._cr = float(simulator.outcome(0)["cr"])
+
+    def flight(self, scenario: Scenario, agent: str, split: SplitName, number: int) -> Flight:
+        """Return what was watched."""
+        assert self.city is not None
+        routes = tuple(route_of(cells, landed) for cells, landed in zip(self.cells, self.landed, strict=True))
+        return Flight(scenario, agent, split, number, self.city, routes, self.target, self.left, self._cr)
 
 
 def recorded_flight(result: Result, number: int, scenario_file: str | None = None) -> Flight:
@@ -131,12 +141,35 @@ def recorded_flight(result: Result, number: int, scenario_file: str | None = Non
     if number not in actions:
         raise FlightError(f"--episode {number}: {result.folder} holds the episodes 0 to {len(actions) - 1}")
     watch = _Watch()
-    record = fly_recorded(scenario, split, number, actions[number], watch)
-    if record is None:
+    if fly_recorded(scenario, split, number, actions[number], watch) is None:
         raise FlightError(f"{result.folder}: episode {number}: actions.npz does not hold the actions of a whole episode")
-    assert watch.city is not None
-    routes = tuple(route_of(cells, landed) for cells, landed in zip(watch.cells, watch.landed, strict=True))
-    return Flight(scenario, result.summary["agent"], split, number, watch.city, routes, watch.target, watch.left, record.cr)
+    return watch.flight(scenario, result.summary["agent"], split, number)
+
+
+def flight_along(
+    scenario: Scenario, split: SplitName, number: int, actions: NDArray[np.uint8], agent: str, options: Mapping[str, Any]
+) -> Flight:
+    """Return the flight of an episode of which something was set by hand.
+
+    Parameters
+    ----------
+    scenario, split, number
+        The episode.
+    actions : ndarray of uint8, shape (T, 1)
+        What the UAV did.
+    agent : str
+        Who flew it.
+    options : mapping
+        As in `Simulator.customise`.
+    """
+    simulator, watch = Simulator(scenario, 1), _Watch()
+    simulator.reset([0], split, [number])
+    simulator.customise(0, options)
+    watch(simulator)
+    for row in actions:
+        simulator.step(row)
+        watch(simulator)
+    return watch.flight(scenario, agent, split, number)
 
 
 def route_of(cells: list[Cell], landed: bool) -> Route:

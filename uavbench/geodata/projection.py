@@ -53,6 +53,11 @@ class Projection:
         lon, lat = self._transform(x, y, inverse=True)
         return round(float(lat), 7), round(float(lon), 7)
 
+    def from_degrees(self, lat: float, lon: float) -> tuple[float, float]:
+        """Return how many metres a place is east and north of the centre."""
+        x, y = self._transform(lon, lat)
+        return float(x), float(y)
+
     def bounds(self, height: float, width: float) -> tuple[float, float, float, float]:
         """Return south, west, north and east, in degrees, of a map of ``height`` × ``width`` metres around the centre.
 

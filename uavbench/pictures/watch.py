@@ -4,6 +4,7 @@ from uavbench.drawing.scene import Scene, scene_of
 from uavbench.drawing.trail import Trail
 from uavbench.evaluation.replay import flown_in, fly_recorded
 from uavbench.evaluation.results import Result, ResultError
+from uavbench.flight.own import Own
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.episode import split_size
 
@@ -40,3 +41,15 @@ def recorded_scenes(result: Result, episode: int, scenario_file: str | None = No
     if fly_recorded(scenario, split, episode, actions[episode], watch) is None:
         raise ResultError(f"{result.folder / 'actions.npz'}: does not hold the actions of the whole episode {episode}")
     return scenes
+
+
+def own_scene(own: Own) -> Scene:
+    """Return the scene at the end of a flight that was planned with targets of a person's own."""
+    simulator = Simulator(own.flight.scenario, 1)
+    simulator.reset([0], own.flight.split, [own.flight.episode])
+    simulator.customise(0, own.options)
+    trail = Trail(simulator, 0)
+    for row in own.actions:
+        simulator.step(row)
+        trail.extend()
+    return scene_of(simulator, 0, trail)
