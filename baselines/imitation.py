@@ -52,6 +52,8 @@ class Config:
         of the updates. ``clip`` is the largest norm of a gradient. The weights that are kept are a moving average.
     value_share : float
         The share of the value in the loss.
+    channels, blocks : int
+        Width of the network's convolutions, and number of its residual blocks for each map.
     symmetries, half : bool
         Whether samples are shown in random symmetries, and whether to compute in bfloat16 where the processor can.
     validation : int
@@ -75,6 +77,8 @@ class Config:
     clip: float = 2.0
     average: float = 0.998
     value_share: float = 0.5
+    channels: int = 32
+    blocks: int = 2
     symmetries: bool = True
     half: bool = True
     validation: int = 2_000
@@ -162,7 +166,7 @@ class Learner:
         self.scenario, self.config, self.seed = scenario, config, seed
         torch.manual_seed(seed)
         with torch.device("cpu"):  # the first weights are the same on every device
-            networks = ppo.Network(scenario), ppo.Network(scenario)
+            networks = [ppo.Network(scenario, channels=config.channels, blocks=config.blocks) for _ in range(2)]
         self.network, self._average = (moved(network) for network in networks)
         self._average.load_state_dict(self.network.state_dict())
         self._optimizer = torch.optim.AdamW(

@@ -91,9 +91,9 @@ class MapNetwork(ppo.Network):
         return torch.stack(logs.chunk(len(self.symmetries))).mean(dim=0)
 
 
-def network_of(scenario, kind, blocks):
+def network_of(scenario, kind, channels, blocks):
     """Return a network for a kind of macro-actions: directions are the six actions that the network of `ppo` knows."""
-    return (MapNetwork if kind == "cells" else ppo.Network)(scenario, blocks=blocks)
+    return (MapNetwork if kind == "cells" else ppo.Network)(scenario, channels=channels, blocks=blocks)
 
 
 class Learner(ppo.Learner):
@@ -116,7 +116,7 @@ class Learner(ppo.Learner):
 
     def _network(self):
         """Return a new network."""
-        return network_of(self.scenario, self.config.kind, self.config.blocks)
+        return network_of(self.scenario, self.config.kind, self.config.channels, self.config.blocks)
 
     def _collect(self, symmetry, random):
         """Fly all environments, and note every decision; return the values of the states after the last step."""
@@ -208,7 +208,7 @@ class Agent(MacroAgent):
         trained = training_record(path).get("config", {})
         self.kind = trained.get("kind", "cells")
         super().__init__(scenario)
-        self.network = network_of(scenario, self.kind, trained.get("blocks", 2))
+        self.network = network_of(scenario, self.kind, trained.get("channels", 32), trained.get("blocks", 2))
         unpack_network(weights_for(path, scenario), self.network, path, scenario)
         self._symmetries = trained.get("symmetries", True)
 

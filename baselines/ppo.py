@@ -59,8 +59,8 @@ class Config:
         Adam's learning rate, and the largest norm of a gradient.
     random_start_fraction, last_random_start_fraction : float
         Share of episodes that start in any cell, with any budget that suffices to land; not for teams.
-    blocks : int
-        Residual blocks of the network for each map.
+    channels, blocks : int
+        Width of the network's convolutions, and number of its residual blocks for each map.
     safe_mask, symmetries, half : bool
         Whether to take safe actions only, whether to learn and decide in all symmetries, and whether to compute in bfloat16
         where the processor can.
@@ -88,6 +88,7 @@ class Config:
     max_norm: float = 1.0
     random_start_fraction: float = 0.3
     last_random_start_fraction: float = 0.0
+    channels: int = 32
     blocks: int = 2
     safe_mask: bool = True
     symmetries: bool = True
@@ -99,12 +100,13 @@ class Config:
 CONFIGS = {
     "fast": Config(),
     "finish": Config(
-        updates=700,
-        critic_first=10,
+        updates=600,
+        critic_first=20,
         clip=0.1,
-        discount=0.98,
+        discount=0.995,
+        last_discount=0.998,
         entropy=0.002,
-        learning_rate=1.5e-4,
+        learning_rate=1e-4,
         random_start_fraction=0.0,
     ),
 }
@@ -254,7 +256,7 @@ class Learner:
 
     def _network(self):
         """Return a new network."""
-        return Network(self.scenario, blocks=self.config.blocks)
+        return Network(self.scenario, channels=self.config.channels, blocks=self.config.blocks)
 
     def start_from(self, path):
         """Begin with the network of a weights file."""
@@ -413,7 +415,7 @@ class Agent:
     def __init__(self, scenario, weights=None, name="ppo"):
         path = weights or weights_path(name, scenario)
         trained = training_record(path).get("config", {})
-        self.network = Network(scenario, blocks=trained.get("blocks", 2))
+        self.network = Network(scenario, channels=trained.get("channels", 32), blocks=trained.get("blocks", 2))
         unpack_network(weights_for(path, scenario), self.network, path, scenario)
         self._safe, self._symmetries = trained.get("safe_mask", True), trained.get("symmetries", True)
 

@@ -8,7 +8,8 @@ from learning import CPP, DH, check_resumes, torch, weights_of
 
 from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
-from uavbench.agents.weights import load_weights
+from uavbench.agents.weights import WeightsError, load_weights
+from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.learning.train import Training, train
 from uavbench.planning.advice import NEVER
 from uavbench.simulation.observation import Observer
@@ -89,3 +90,16 @@ def test_ppo_goes_on_from_its_weights(tmp_path):
     assert not torch.equal(after["value.weight"], policy["value.weight"])
     learner.advance()
     assert not torch.equal(learner.network.state_dict()["policy.weight"], policy["policy.weight"])
+
+
+def test_a_network_of_another_size_flies_and_is_gone_on_with(tmp_path):
+    config = replace(TINY, updates=2, validation=2, channels=8, blocks=1)
+    kept = train(Training(SOURCE, CPP, "tiny", config, 0), tmp_path)
+    assert load_weights(kept)[0]["branches.local_map.0.weight"].shape[0] == 8
+    assert len(list(evaluate(Job(find_agent(str(kept)), CPP, "test"), range(3)))) == 3
+    ppo = find_agent("ppo")
+    finish = replace(ppo.module().CONFIGS["finish"], updates=1, validation=1, num_envs=4, steps=8, channels=8, blocks=1)
+    went_on = train(Training(ppo, CPP, "tiny", finish, 0, kept), tmp_path)
+    assert len(list(evaluate(Job(find_agent(str(went_on)), CPP, "test"), range(3)))) == 3
+    with pytest.raises(WeightsError, match="has shape"):
+        train(Training(ppo, CPP, "wide", replace(finish, channels=16), 0, kept), tmp_path)
