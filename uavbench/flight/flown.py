@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.flight.energy import power
+from uavbench.flight.frame import cells_of, metres_of
 from uavbench.flight.ground import altitude_of, cell_size
 from uavbench.flight.quadrotor import Box, Trace, fly_track
 from uavbench.flight.route import Flight, FlightError, Route
@@ -149,7 +150,7 @@ def fly(flight: Flight, conditions: Conditions | None = None, on_uav: Callable[[
 
 def track_of(route: Route, city: City, cell: float, conditions: Conditions) -> Track:
     """Return the track along a route."""
-    stops = _metres(np.array([stop.cell for stop in route.stops], dtype=np.float64), city, cell)
+    stops = metres_of(np.array([stop.cell for stop in route.stops], dtype=np.float64), city.shape, cell)
     waits = np.array([stop.wait for stop in route.stops]) * cell / conditions.speed
     return track_along(
         stops, waits, speed=conditions.speed, acceleration=conditions.acceleration, tolerance=conditions.tolerance
@@ -165,7 +166,9 @@ def boxes_of(city: City, cell: float, altitude: float) -> list[Box]:
     boxes: list[Box] = []
     for cells, height in ((high, _HIGH * altitude), (low, _LOW * altitude)):
         for top, left, bottom, right in _rectangles(cells):
-            (west, north), (east, south) = _metres(np.array([[top - 0.5, left - 0.5], [bottom + 0.5, right + 0.5]]), city, cell)
+            (west, north), (east, south) = metres_of(
+                np.array([[top - 0.5, left - 0.5], [bottom + 0.5, right + 0.5]]), city.shape, cell
+            )
             boxes.append((float(west), float(south), float(east), float(north), height))
     return boxes
 
@@ -184,18 +187,6 @@ def _rectangles(cells: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
     return sorted(found)
 
 
-def _metres(places: NDArray[np.float64], city: City, cell: float) -> NDArray[np.float64]:
-    """Return rows and columns as metres east and north of the middle of the map."""
-    rows, cols = city.shape
-    return np.column_stack([(places[:, 1] + 0.5 - cols / 2) * cell, (rows / 2 - places[:, 0] - 0.5) * cell])
-
-
-def _cells(places: NDArray[np.float64], city: City, cell: float) -> NDArray[np.float64]:
-    """Return metres east and north as rows and columns, not rounded."""
-    rows, cols = city.shape
-    return np.column_stack([rows / 2 - places[:, 1] / cell - 0.5, places[:, 0] / cell + cols / 2 - 0.5])
-
-
 def _samples_in_a_step(flight: Flight) -> int:
     """Return how often a UAV covers or collects in the time of a move: in DH once for each communication step."""
     return int(getattr(flight.scenario.mission, "communication_steps", 10))
@@ -208,16 +199,16 @@ def _places(trace: Trace, city: City, cell: float, period: float) -> NDArray[np.
     if len(seconds) == 0:
         return np.zeros((0, 2))
     even = np.arange(seconds[0] + period, seconds[-1] + 1e-9, period)
-    return _cells(np.column_stack([np.interp(even, seconds, places[:, axis]) for axis in range(2)]), city, cell)
+    return cells_of(np.column_stack([np.interp(even, seconds, places[:, axis]) for axis in range(2)]), city.shape, cell)
 
 
 def _judged(trace: Trace, track: Track, route: Route, city: City, cell: float) -> UavFlown:
     """Return what is to be said of a trace."""
-    stops = _metres(np.array([stop.cell for stop in route.stops], dtype=np.float64), city, cell)
+    stops = metres_of(np.array([stop.cell for stop in route.stops], dtype=np.float64), city.shape, cell)
     places = trace.places[:, :2]
     first, last = trace.on_track
     rows, cols = city.shape
-    here = np.clip(np.rint(_cells(places, city, cell)).astype(int), 0, [rows - 1, cols - 1])
+    here = np.clip(np.rint(cells_of(places, city.shape, cell)).astype(int), 0, [rows - 1, cols - 1])
     zone = np.asarray(city.no_fly & ~city.building)[here[:, 0], here[:, 1]]
     times = np.diff(trace.seconds, prepend=trace.seconds[0])
     return UavFlown(

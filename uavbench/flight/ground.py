@@ -3,7 +3,10 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from uavbench.errors import one_line
+from uavbench.flight.frame import cells_of, metres_of
 from uavbench.flight.route import FlightError
 from uavbench.geodata.libraries import GeodataError
 from uavbench.geodata.projection import Projection
@@ -45,28 +48,26 @@ class Ground:
                 f"--origin: {scenario.id} is a real place, at {provenance.centre[0]},{provenance.centre[1]}: leave it out"
             )
         self.cell = cell_size(scenario)
-        self._rows, self._cols = scenario.shape
+        self._shape = scenario.shape
         try:
             self.projection = Projection(provenance.centre if provenance else origin or (0.0, 0.0))
         except GeodataError as error:
             raise FlightError(f"--origin: {error}") from None
 
-    def metres(self, row: float, col: float) -> tuple[float, float]:
-        """Return how far a point of the map is east and north of its middle, in metres; cell centres have whole numbers."""
-        return (col + 0.5 - self._cols / 2) * self.cell, (self._rows / 2 - row - 0.5) * self.cell
-
     def degrees(self, row: float, col: float) -> tuple[float, float]:
         """Return latitude and longitude of a point of the map, in degrees with seven digits (about a centimetre)."""
-        return self.projection.to_degrees(*self.metres(row, col))
+        ((east, north),) = metres_of(np.array([[row, col]]), self._shape, self.cell).tolist()
+        return self.projection.to_degrees(east, north)
 
     def cell_at(self, lat: float, lon: float) -> tuple[int, int]:
         """Return row and column of the cell in which a place is; they may be off the map."""
-        east, north = self.projection.from_degrees(lat, lon)
-        return math.floor(self._rows / 2 - north / self.cell), math.floor(east / self.cell + self._cols / 2)
+        ((row, col),) = cells_of(np.array([self.projection.from_degrees(lat, lon)]), self._shape, self.cell).tolist()
+        return math.floor(row + 0.5), math.floor(col + 0.5)
 
     def bounds_text(self) -> str:
         """Return where the map is, for messages."""
-        corners = self.ring([(0, 0), (0, self._cols), (self._rows, self._cols), (self._rows, 0)])
+        rows, cols = self._shape
+        corners = self.ring([(0, 0), (0, cols), (rows, cols), (rows, 0)])
         lats, lons = zip(*corners, strict=True)
         return f"which is from {min(lats):.5f},{min(lons):.5f} to {max(lats):.5f},{max(lons):.5f}"
 

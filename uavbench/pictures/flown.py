@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from uavbench.drawing.scene import CRASH, UAVS, Colour, Scene
 from uavbench.evaluation.results import Result, deliver
 from uavbench.flight.flown import Flown, UavFlown
+from uavbench.flight.frame import cells_of
 from uavbench.flight.ground import cell_size
 from uavbench.pictures.figures import Figure, Line2D, fixed_style
 from uavbench.pictures.plot import check_plot, draw_on, legend
@@ -81,6 +82,5 @@ def _shade(colour: Colour) -> tuple[float, float, float]:
 
 def ways(flown: Flown, uav: UavFlown) -> NDArray[np.float64]:
     """Return where a quadrotor was, as rows and columns that are not rounded, shape (T, 2)."""
-    (rows, cols), cell = flown.flight.scenario.shape, cell_size(flown.flight.scenario)
-    places = uav.trace.places
-    return np.column_stack([rows / 2 - places[:, 1] / cell - 0.5, places[:, 0] / cell + cols / 2 - 0.5])
+    scenario = flown.flight.scenario
+    return cells_of(uav.trace.places, scenario.shape, cell_size(scenario))
