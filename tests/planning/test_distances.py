@@ -8,10 +8,17 @@ from worlds import COVERAGE, maps, scenario
 
 from uavbench import load_scenario
 from uavbench.planning import distances
-from uavbench.planning.distances import FAR, REACH, Windows, distance_table, distances_of
-from uavbench.planning.paths import reaches, walk
+from uavbench.planning.distances import FAR, REACH, Windows, distance_table, distances_of, moves
+from uavbench.planning.paths import skip_walk, walk
 from uavbench.world.cities import city_at, city_key
 from uavbench.world.city import City, city_of
+from uavbench.world.kernel import kernel
+
+
+@kernel
+def moves_between(distance, cols, here, there):
+    """Return what `moves`, which only kernels call, returns."""
+    return moves(distance, cols, here, there)
 
 
 def windows_of(city, most=10**6):
@@ -24,10 +31,16 @@ def windows_of(city, most=10**6):
 def walked(distance, city, here, there, seed=0):
     """Return the cells of a walk from ``here`` to ``there``, or None if no path is known."""
     cols = city.shape[1]
-    if not reaches(distance, cols, here, there):
+    count = moves_between(distance, cols, here, there)
+    if count < 0:
         return None
     out = np.empty(city.no_fly.size, dtype=np.int32)
-    return out[: walk(distance, cols, here, there, False, np.array([seed], dtype=np.uint64), out, 0)].tolist()
+    for straight in (True, False):
+        cursor, skipped = (np.array([seed], dtype=np.uint64) for _ in range(2))
+        assert walk(distance, cols, here, there, straight, cursor, out, 0) == count
+        skip_walk(count, straight, skipped)
+        assert cursor == skipped
+    return out[:count].tolist()
 
 
 @settings(max_examples=40)

@@ -51,11 +51,11 @@ def test_a_change_gains_what_flying_again_gains(edge_snr):
         before = nearby._fly(path, length, rates, data.copy(), cols, flown)
         got, _ = collected(path[: length + 1], rates, data, cols)
         assert before == pytest.approx(sum(got), rel=1e-9, abs=1e-9)
-        first, after, size = propose(
-            path, length, distances_of(city), city.shape, landing_numbers(city), aims, served, True, length + 1, cursor, new
-        )
-        if size < 0 or length + size - (after - first - 1) > 380:
+        fixed = distances_of(city), city.shape, landing_numbers(city), aims, served
+        first, after, size = propose(path, length, 380, *fixed, True, length + 1, cursor, new)
+        if size < 0:
             continue
+        assert length + size - (after - first - 1) <= 380
         gain, affected = nearby._try(path, length, first, after, size, new, rates, data, cols, flown, trial)
         changed = np.concatenate([path[: first + 1], new[:size], path[after : length + 1]])
         again, _ = collected(changed, rates, data, cols)

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.planning import coverage, harvesting
-from uavbench.planning.distances import Distances, distances_of, distances_to, is_large
+from uavbench.planning.distances import Distances, distances_of, is_large, moves
 from uavbench.planning.flights import landing_numbers, pack
 from uavbench.planning.paths import walk
+from uavbench.planning.rates import RankedRates
+from uavbench.planning.views import Views, enter, leave, views_of
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.city import LAND, NUM_ACTIONS, City
 from uavbench.world.kernel import kernel
@@ -56,7 +58,7 @@ class Teacher:
         self._paths = np.zeros((num_envs, scenario.max_uavs, width), dtype=np.int32)
         self._lengths = np.zeros((num_envs, scenario.max_uavs), dtype=np.int64)
         self._cursors = np.zeros((num_envs, 1), dtype=np.uint64)
-        self._rates: dict[int, tuple[NDArray[np.int32], NDArray[np.float32]]] = {}
+        self._rates: dict[int, tuple[NDArray[np.int32], RankedRates]] = {}
 
     def begin(self, simulator: Simulator, slots: Sequence[int]) -> None:
         """Plan the flights of the episodes that have just started in ``slots``."""
@@ -76,7 +78,7 @@ class Teacher:
         if self._harvests:
             devices = simulator.state.spots[i, : simulator.state.num_spots[i]].copy()
             rates = harvesting.rates_for(self._scenario, devices, simulator.city_at(i))
-            assert isinstance(rates, np.ndarray)
+            assert isinstance(rates, RankedRates)
             self._rates[i] = devices, rates
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
@@ -132,11 +134,11 @@ class Teacher:
             if worths is not None:
                 _harvesting_worths(paths, lengths, *fixed, city.no_fly, rates, data, cursor, found)
         else:
-            seen, number = coverage.targets_seen(self._scenario, state.target[i], city)
+            views = views_of(self._scenario, state.target[i], city)
             targets = np.flatnonzero(state.target[i] > 0)
-            coverage.anneal(paths, lengths, *fixed, seen, number, targets, cursor, changes, hot)
+            coverage.anneal(paths, lengths, *fixed, views, targets, cursor, changes, hot)
             if worths is not None:
-                _coverage_worths(paths, lengths, *fixed, city.no_fly, seen, number, len(targets), cursor, found)
+                _coverage_worths(paths, lengths, *fixed, city.no_fly, views, len(targets), cursor, found)
         self._paths[i, flying], self._lengths[i, flying] = paths, lengths
         if worths is not None:
             worths[flying] = found
@@ -162,7 +164,7 @@ def _rejoin(
         path, length = paths[u], lengths[u]
         best, least = -1, 2 * len(path)
         for k in range(length + 1):
-            away = _moves(distance, cols, here[u], path[k])
+            away = moves(distance, cols, here[u], path[k])
             if away >= 0 and away + length - k <= longest[u] and away + k < least:
                 best, least = k, away + k
         if best < 0:
@@ -176,18 +178,11 @@ def _rejoin(
 
 
 @kernel
-def _moves(distance: Distances, cols: int, here: int, there: int) -> int:
-    """Return the number of moves between two cells; −1 where there is no path."""
-    to, _wide, at = distances_to(distance, cols, here, there)
-    return int(to[at]) if at >= 0 else -1
-
-
-@kernel
 def _nearest(distance: Distances, cols: int, here: int, cells: NDArray[np.int32]) -> int:
     """Return the nearest of some cells; the first of them where there is no path to any."""
     goal, least = cells[0], np.iinfo(np.int32).max
     for cell in cells:
-        away = _moves(distance, cols, here, cell)
+        away = moves(distance, cols, here, cell)
         if 0 <= away < least:
             goal, least = cell, away
     return int(goal)
@@ -213,8 +208,7 @@ def _coverage_worths(
     shape: tuple[int, int],
     landing: NDArray[np.int32],
     no_fly: NDArray[np.bool_],
-    seen: NDArray[np.int32],
-    number: NDArray[np.int32],
+    views: Views,
     targets: int,
     cursor: NDArray[np.uint64],
     worths: NDArray[np.float64],
@@ -224,72 +218,40 @@ def _coverage_worths(
     new = np.empty(2 * paths.shape[1] + 2 * (shape[0] + shape[1]), dtype=np.int32)
     covered, cols = 0, shape[1]
     for u in range(len(paths)):
-        covered += _add_all(paths[u], 1, lengths[u] + 1, seen, number, counts)
+        covered += enter(paths[u], 1, lengths[u] + 1, -1, views, counts)
     for u in range(len(paths)):
         path, length = paths[u], lengths[u]
         others = coverage.LENGTH_PRICE * (lengths.sum() - length)
-        alone = covered - _remove_all(path, 1, length + 1, seen, number, counts)  # what the other UAVs cover
+        alone = covered - leave(path, 1, length + 1, -1, views, counts)  # what the other UAVs cover
         if _is_in(path[0], landing):
             worths[u, LAND] = alone - others
         for action in range(LAND):  # home at once
             new[0] = _next_cell(path[0], action, no_fly)
             goal = _nearest(distance, cols, new[0], landing) if new[0] >= 0 else -1
-            away = _moves(distance, cols, new[0], goal) if goal >= 0 else -1
+            away = moves(distance, cols, new[0], goal) if goal >= 0 else -1
             if 0 <= away < longest[u]:
                 size = walk(distance, cols, new[0], goal, True, cursor, new, 1)
-                fresh = _add_all(new, 0, size, seen, number, counts)
-                _remove_all(new, 0, size, seen, number, counts)
+                fresh = enter(new, 0, size, -1, views, counts)
+                leave(new, 0, size, -1, views, counts)
                 worths[u, action] = alone + fresh - coverage.LENGTH_PRICE * size - others
-        _add_all(path, 1, length + 1, seen, number, counts)
+        enter(path, 1, length + 1, -1, views, counts)
         for action in range(LAND):
             new[0] = _next_cell(path[0], action, no_fly)
             if new[0] < 0:
                 continue
             total, last = covered, min(length, _BACK)
-            for k in range(last + 1):  # back to cell k of the plan, without those between
-                if k >= 2:
-                    total -= coverage.remove(path[k - 1], seen, number, counts)
-                away = _moves(distance, cols, new[0], path[k])
+            for k in range(last + 1):  # back to cell k of the plan, without those before it
+                if k >= 1:
+                    total -= leave(path, k, k + 1, path[k - 1] if k > 1 else -1, views, counts)
+                away = moves(distance, cols, new[0], path[k])
                 grown = 1 + away + length - k
                 if away < 0 or grown > longest[u]:
                     continue
                 size = walk(distance, cols, new[0], path[k], True, cursor, new, 1)
-                fresh = _add_all(new, 0, size, seen, number, counts)
-                _remove_all(new, 0, size, seen, number, counts)
+                fresh = enter(new, 0, size, -1, views, counts)
+                leave(new, 0, size, -1, views, counts)
                 worths[u, action] = max(worths[u, action], total + fresh - coverage.LENGTH_PRICE * grown - others)
-            _add_all(path, 1, last, seen, number, counts)
-
-
-@kernel
-def _add_all(
-    cells: NDArray[np.int32],
-    begin: int,
-    end: int,
-    seen: NDArray[np.int32],
-    number: NDArray[np.int32],
-    counts: NDArray[np.int32],
-) -> int:
-    """Add the targets seen from some cells to ``counts``; return how many of them are newly covered."""
-    fresh = 0
-    for k in range(begin, end):
-        fresh += coverage.add(cells[k], seen, number, counts)
-    return fresh
-
-
-@kernel
-def _remove_all(
-    cells: NDArray[np.int32],
-    begin: int,
-    end: int,
-    seen: NDArray[np.int32],
-    number: NDArray[np.int32],
-    counts: NDArray[np.int32],
-) -> int:
-    """Subtract the targets seen from some cells from ``counts``; return how many of them are no longer covered."""
-    lost = 0
-    for k in range(begin, end):
-        lost += coverage.remove(cells[k], seen, number, counts)
-    return lost
+            enter(path, 1, last + 1, -1, views, counts)
 
 
 @kernel
@@ -301,7 +263,7 @@ def _harvesting_worths(
     shape: tuple[int, int],
     landing: NDArray[np.int32],
     no_fly: NDArray[np.bool_],
-    rates: NDArray[np.float32],
+    rates: RankedRates,
     data: NDArray[np.float64],
     cursor: NDArray[np.uint64],
     worths: NDArray[np.float64],
@@ -321,7 +283,7 @@ def _harvesting_worths(
             for k in range(-1, min(length, _BACK) + 1):  # home at once, or back to cell k of the plan, without those between
                 goal = path[k] if k >= 0 else _nearest(distance, cols, cell, landing)
                 rest = length - k if k >= 0 else 0
-                away = _moves(distance, cols, cell, goal)
+                away = moves(distance, cols, cell, goal)
                 grown = 1 + away + rest
                 if away < 0 or grown > longest[u]:
                     continue

@@ -15,7 +15,7 @@ from uavbench.planning.distances import Distances, distances_of
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
 from uavbench.planning.paths import pick
 from uavbench.planning.tours import first_flight
-from uavbench.simulation.missions.coverage import camera_views
+from uavbench.planning.views import Views, enter, in_view, leave, views_of
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
@@ -69,7 +69,7 @@ def search(
         When the scenario has many cities and ``city`` is not given.
     """
     city = city or city_of(scenario)
-    seen, number = targets_seen(scenario, target, city)
+    views = views_of(scenario, target, city)
     cursor = np.array([seed], dtype=np.uint64)
     paths, lengths = pack(city, starts, budgets, first, cursor)
     covered = anneal(
@@ -79,8 +79,7 @@ def search(
         distances_of(city),
         city.shape,
         landing_numbers(city),
-        seen,
-        number,
+        views,
         np.flatnonzero(target > 0),
         cursor,
         moves,
@@ -104,81 +103,47 @@ def first_flights(
     Each UAV plans for the targets that those before it leave. The parameters are those of `search`; ``changes`` of each tour
     are tried.
     """
-    seen, number = targets_seen(scenario, target, city)
+    views = views_of(scenario, target, city)
+    assert isinstance(scenario.mission, Coverage)
+    fewest = _FEWEST * scenario.mission.camera_size**2
     flights: list[list[Cell]] = []
     covered = np.zeros(max(1, int((target > 0).sum())), dtype=np.bool_)
     for start, budget in zip(starts, budgets, strict=True):
-        stops, prizes = _cover(seen, number, covered.copy(), _FEWEST * seen.shape[1])
+        stops, prizes = _cover(views, covered.copy(), fewest)
         best = np.sort(np.argsort(-prizes, kind="stable")[:_STOPS])
         cells = np.stack(np.divmod(stops[best], city.shape[1]), axis=1).astype(np.int32)
         flight = first_flight(city, start, budget, cells, prizes[best], seed, changes)
         for r, c in flight[1:]:
-            cell = r * city.shape[1] + c
-            covered[seen[cell, : number[cell]]] = True
+            covered[in_view(views, r * city.shape[1] + c)] = True
         flights.append(flight)
     return flights
 
 
 @kernel
-def _cover(
-    seen: NDArray[np.int32], number: NDArray[np.int32], covered: NDArray[np.bool_], fewest: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _cover(views: Views, covered: NDArray[np.bool_], fewest: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return cells that together see most targets, and how many each adds to those before it: a greedy set cover.
 
     A cell that adds less than ``fewest`` targets is left out. Marks in ``covered`` the targets that are seen.
     """
-    fresh = number.copy()  # how many targets each cell adds; what is out of date is too large
+    fresh = np.empty(views.cells, dtype=np.int32)  # how many targets each cell adds; what is out of date is too large
+    for cell in range(views.cells):
+        fresh[cell] = len(in_view(views, cell))
     cells, prizes = [np.int64(0) for _ in range(0)], [0.0 for _ in range(0)]
-    for level in range(seen.shape[1], 0, -1):
+    for level in range(fresh.max(), 0, -1):
         if level < fewest:
             break
         for cell in range(len(fresh)):
             if fresh[cell] < level:
                 continue
             fresh[cell] = 0
-            for k in range(number[cell]):
-                fresh[cell] += not covered[seen[cell, k]]
+            for target in in_view(views, cell):
+                fresh[cell] += not covered[target]
             if fresh[cell] == level:
                 cells.append(np.int64(cell))
                 prizes.append(float(level))
-                covered[seen[cell, : number[cell]]] = True
+                covered[in_view(views, cell)] = True
                 fresh[cell] = 0
     return np.array(cells, dtype=np.int64), np.array(prizes)
-
-
-def targets_seen(scenario: Scenario, target: NDArray[np.float32], city: City) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return the targets that the camera sees from each cell, numbered in row-major order, and how many there are."""
-    views = camera_views(scenario, city)
-    rows, cols = views.shape
-    numbers = np.full((rows, cols), -1, dtype=np.int32)
-    numbers[target > 0] = np.arange((target > 0).sum())
-    assert isinstance(scenario.mission, Coverage)
-    size = scenario.mission.camera_size
-    seen = np.zeros((rows * cols, size * size), dtype=np.int32)
-    count = np.zeros(rows * cols, dtype=np.int32)
-    _list_seen(views, numbers, size // 2, seen, count)
-    return seen, count
-
-
-@kernel
-def _list_seen(
-    views: NDArray[np.uint64],
-    numbers: NDArray[np.int32],
-    reach: int,
-    seen: NDArray[np.int32],
-    count: NDArray[np.int32],
-) -> None:
-    """Write the numbers of the targets that are in each cell's view."""
-    rows, cols = views.shape
-    for r in range(rows):
-        for c in range(cols):
-            view = views[r, c]
-            for y in range(r - reach, r + reach + 1):
-                for x in range(c - reach, c + reach + 1):
-                    if view & np.uint64(1) and numbers[y, x] >= 0:
-                        seen[r * cols + c, count[r * cols + c]] = numbers[y, x]
-                        count[r * cols + c] += 1
-                    view >>= np.uint64(1)
 
 
 @kernel
@@ -189,8 +154,7 @@ def anneal(
     distance: Distances,
     shape: tuple[int, int],
     landing: NDArray[np.int32],
-    seen: NDArray[np.int32],
-    number: NDArray[np.int32],
+    views: Views,
     targets: NDArray[np.int64],
     cursor: NDArray[np.uint64],
     moves: int,
@@ -200,26 +164,27 @@ def anneal(
     counts = np.zeros(max(1, len(targets)), dtype=np.int32)
     covered = 0
     for u in range(len(paths)):
-        for k in range(1, lengths[u] + 1):
-            covered += add(paths[u, k], seen, number, counts)
+        covered += enter(paths[u], 1, lengths[u] + 1, -1, views, counts)
     value = covered - LENGTH_PRICE * lengths.sum()
     best, best_lengths, best_covered, best_value = paths.copy(), lengths.copy(), covered, value
-    new = np.empty(2 * paths.shape[1] + 8 * len(number), dtype=np.int32)
+    new = np.empty(2 * paths.shape[1] + 8 * shape[0] * shape[1], dtype=np.int32)
     tail = np.empty(paths.shape[1], dtype=np.int32)
     temperature, cooling = hot, (_COLD / hot) ** (1.0 / max(1, moves))
     for _ in range(moves):
         temperature *= cooling
         u = pick(cursor, len(paths))
         path, length = paths[u], lengths[u]
-        first, after, size = propose(path, length, distance, shape, landing, targets, counts, False, length + 1, cursor, new)
-        grown = length + size - (after - first - 1)
-        if size < 0 or grown > longest[u]:
+        first, after, size = propose(
+            path, length, longest[u], distance, shape, landing, targets, counts, False, length + 1, cursor, new
+        )
+        if size < 0:
             continue
-        change = 0
-        for k in range(first + 1, after):
-            change -= remove(path[k], seen, number, counts)
-        for k in range(size):
-            change += add(new[k], seen, number, counts)
+        grown = length + size - (after - first - 1)
+        before = int(path[first]) if first > 0 else -1
+        joint = int(new[size - 1]) if size > 0 else before  # the cell after which the old flight goes on
+        end = min(after, length) + 1  # cell ``after`` itself comes to view by another way
+        change = -leave(path, first + 1, end, before, views, counts)
+        change += enter(new, 0, size, before, views, counts) + enter(path, after, end, joint, views, counts)
         gain = change - LENGTH_PRICE * (grown - length)
         if gain >= 0.0 or next_uniform(cursor, 0.0, 1.0) < math.exp(gain / temperature):
             rest = length + 1 - after
@@ -233,29 +198,8 @@ def anneal(
                 best_value, best_covered = value, covered
                 best[:], best_lengths[:] = paths, lengths
         else:
-            for k in range(size):
-                remove(new[k], seen, number, counts)
-            for k in range(first + 1, after):
-                add(path[k], seen, number, counts)
+            leave(new, 0, size, before, views, counts)
+            leave(path, after, end, joint, views, counts)
+            enter(path, first + 1, end, before, views, counts)
     paths[:], lengths[:] = best, best_lengths
     return best_covered
-
-
-@kernel
-def add(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
-    """Add the targets seen from ``cell`` to ``counts``; return how many of them are newly covered."""
-    fresh = 0
-    for k in range(number[cell]):
-        fresh += int(counts[seen[cell, k]] == 0)
-        counts[seen[cell, k]] += 1
-    return fresh
-
-
-@kernel
-def remove(cell: int, seen: NDArray[np.int32], number: NDArray[np.int32], counts: NDArray[np.int32]) -> int:
-    """Subtract the targets seen from ``cell`` from ``counts``; return how many of them are no longer covered."""
-    lost = 0
-    for k in range(number[cell]):
-        counts[seen[cell, k]] -= 1
-        lost += int(counts[seen[cell, k]] == 0)
-    return lost

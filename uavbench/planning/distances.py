@@ -126,6 +126,27 @@ def _in_window(distance: Any, cols: Any, here: Any, there: Any) -> Any:
     return to, _SIDE, at if to[at] != _NONE else -1
 
 
+def moves(distance: Distances, cols: int, here: int, there: int) -> int:
+    """Return the number of moves from ``here`` to ``there``, for kernels; −1 where no path is known."""
+    raise NotImplementedError("only kernels call it")
+
+
+@overload(moves)
+def _moves(distance: Any, cols: Any, here: Any, there: Any) -> Any:  # noqa: ARG001  # Numba passes the types
+    """Choose by the type of ``distance`` when a kernel is compiled."""
+    return _moves_in_table if isinstance(distance, types.Array) else _moves_in_window
+
+
+def _moves_in_table(distance: Any, cols: Any, here: Any, there: Any) -> Any:  # noqa: ARG001  # the signature is that of `moves`
+    away = np.int64(distance[there, here])
+    return away if away != FAR else -1
+
+
+def _moves_in_window(distance: Any, cols: Any, here: Any, there: Any) -> Any:
+    to, _wide, at = distances_to(distance, cols, here, there)
+    return np.int64(to[at]) if at >= 0 else -1
+
+
 @kernel
 def _compute_window(windows: Windows, middle: int) -> int:
     """Compute the window of a cell by a breadth-first search; return its row. When all rows are in use, all are given up."""

@@ -16,7 +16,7 @@ from uavbench.planning.distances import Distances, distances_of, is_large
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
 from uavbench.planning.nearby import new_record, new_trial
 from uavbench.planning.paths import pick
-from uavbench.planning.rates import NearRates, action_of, expected_rates, near_rates
+from uavbench.planning.rates import NearRates, RankedRates, action_of, expected_rates, near_rates, ranked
 from uavbench.planning.tours import first_flight
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
@@ -27,14 +27,14 @@ LENGTH_PRICE = 0.02  # data units that a move costs in the search: shorter fligh
 HOT, _COLD = 1.5, 0.03
 
 
-def rates_for(scenario: Scenario, devices: NDArray[np.int32], city: City) -> NDArray[np.float32] | NearRates:
-    """Return the rates that `search` needs: `expected_rates`, or on a large map `near_rates`."""
-    return near_rates(scenario, devices, city) if is_large(city.shape) else expected_rates(scenario, devices, city)
+def rates_for(scenario: Scenario, devices: NDArray[np.int32], city: City) -> RankedRates | NearRates:
+    """Return the rates that `search` needs: `expected_rates` by rank, or on a large map `near_rates`."""
+    return near_rates(scenario, devices, city) if is_large(city.shape) else ranked(expected_rates(scenario, devices, city))
 
 
 def search(
     scenario: Scenario,
-    rates: NDArray[np.float32] | NearRates,
+    rates: NDArray[np.float32] | RankedRates | NearRates,
     devices: NDArray[np.int32],
     data: NDArray[np.float64],
     starts: Sequence[Cell],
@@ -53,8 +53,8 @@ def search(
     ----------
     scenario : Scenario
         A DH scenario.
-    rates : ndarray of float32, or NearRates
-        `rates_for` the devices.
+    rates : RankedRates, NearRates, or ndarray of float32
+        `rates_for` the devices; on a small map also `expected_rates`.
     devices : ndarray of int32, shape (K, 2)
         Their cells.
     data : ndarray of float64, shape (K,)
@@ -89,7 +89,7 @@ def search(
         city.shape,
         landing_numbers(city),
         (devices[:, 0] * cols + devices[:, 1]).astype(np.int64),
-        rates,
+        ranked(rates) if isinstance(rates, np.ndarray) else rates,
         np.asarray(data, dtype=np.float64),
         cursor,
         moves,
@@ -158,19 +158,21 @@ def _place(city: City, device: Sequence[int]) -> Cell:
 
 
 @kernel
-def _serve(here: int, there: int, cols: int, rates: NDArray[np.float32], left: NDArray[np.float64]) -> float:
-    """Serve devices during the action from cell ``here`` to ``there`` (a move or hovering); return the data collected."""
+def _serve(here: int, there: int, cols: int, rates: RankedRates, left: NDArray[np.float64], t: int) -> float:
+    """Serve devices in step t, from cell ``here`` to ``there`` (a move or hovering); return the data collected."""
     action = action_of(here, there, cols)
     collected = 0.0
-    for k in range(rates.shape[2]):
-        best, highest = -1, 0.0
-        for j in range(len(left)):
-            if left[j] > 0.0 and rates[here, action, k, j] > highest:
-                best, highest = j, rates[here, action, k, j]
-        if best >= 0:
-            served = min(highest, left[best])
-            left[best] -= served
-            collected += served
+    for k in range(rates.rates.shape[2]):
+        for n in range(left.shape[1]):
+            rate = rates.rates[here, action, k, n]
+            if rate <= 0.0:
+                break
+            j = rates.devices[here, action, k, n]
+            if left[t, j] > 0.0:
+                served = min(rate, left[t, j])
+                left[t, j] -= served
+                collected += served
+                break
     return collected
 
 
@@ -180,7 +182,7 @@ def simulate(
     lengths: NDArray[np.int64],
     begin: int,
     cols: int,
-    rates: NDArray[np.float32],
+    rates: RankedRates,
     left: NDArray[np.float64],
     total: NDArray[np.float64],
 ) -> float:
@@ -190,11 +192,12 @@ def simulate(
     """
     last = lengths.max()
     for t in range(begin, last + 1):
-        left[t] = left[t - 1]
+        for j in range(left.shape[1]):
+            left[t, j] = left[t - 1, j]
         total[t] = total[t - 1]
         for u in range(len(paths)):
             if t <= lengths[u]:
-                total[t] += _serve(paths[u, t - 1], paths[u, t], cols, rates, left[t])
+                total[t] += _serve(paths[u, t - 1], paths[u, t], cols, rates, left, t)
     return float(total[last])
 
 
@@ -207,7 +210,7 @@ def anneal(
     shape: tuple[int, int],
     landing: NDArray[np.int32],
     aims: NDArray[np.int64],
-    rates: NDArray[np.float32],
+    rates: RankedRates,
     data: NDArray[np.float64],
     cursor: NDArray[np.uint64],
     moves: int,
@@ -231,9 +234,11 @@ def anneal(
         temperature *= cooling
         u = pick(cursor, len(paths))
         path, length = paths[u], lengths[u]
-        first, after, size = propose(path, length, distance, shape, landing, aims, served, True, horizon, cursor, new)
+        first, after, size = propose(
+            path, length, longest[u], distance, shape, landing, aims, served, True, horizon, cursor, new
+        )
         grown = length + size - (after - first - 1)
-        if size < 0 or grown > longest[u]:
+        if size < 0:
             continue
         before[first + 1 : length + 1] = path[first + 1 : length + 1]
         path[first + 1 : first + 1 + size] = new[:size]

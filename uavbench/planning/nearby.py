@@ -107,9 +107,9 @@ def anneal(
     temperature, cooling = hot, (_COLD / hot) ** (1.0 / max(1, moves))
     for _ in range(moves):
         temperature *= cooling
-        first, after, size = propose(path, length, distance, shape, landing, aims, served, True, horizon, cursor, new)
+        first, after, size = propose(path, length, longest, distance, shape, landing, aims, served, True, horizon, cursor, new)
         grown = length + size - (after - first - 1)
-        if size < 0 or grown > longest:
+        if size < 0:
             continue
         gain, affected = _try(path, length, first, after, size, new, rates, data, cols, flown, trial)
         gain -= _LENGTH_PRICE * (grown - length)

@@ -5,20 +5,13 @@ from numpy.typing import NDArray
 
 from uavbench.planning.distances import Distances, distances_to
 from uavbench.world.kernel import kernel
-from uavbench.world.keyed import next_integer
+from uavbench.world.keyed import next_integer, skip
 
 
 @kernel
 def pick(cursor: NDArray[np.uint64], count: int) -> int:
     """Return a signed integer uniform in 0, …, ``count`` − 1: Numba turns a signed and an unsigned integer into a float."""
     return np.int64(next_integer(cursor, count))  # pyright: ignore[reportReturnType]
-
-
-@kernel
-def reaches(distance: Distances, cols: int, here: int, there: int) -> bool:
-    """Return whether a path from ``here`` to ``there`` is known."""
-    _to, _wide, at = distances_to(distance, cols, here, there)
-    return at >= 0
 
 
 @kernel
@@ -34,11 +27,17 @@ def walk(
 ) -> int:
     """Append a shortest path from ``here`` (not written) to ``there`` (written) to ``out``, which holds ``length`` cells.
 
-    Of the shortest paths, it takes one with few bends if ``straight``, else a random one. A path must be known: see `reaches`.
+    Of the shortest paths, it takes one with few bends if ``straight``, else a random one. A path must be known: see `moves`.
     Returns the new length.
     """
     to, wide, at = distances_to(distance, cols, here, there)
     return follow(to, wide, at, cols, here, straight, cursor, out, length)
+
+
+@kernel
+def skip_walk(count: int, straight: bool, cursor: NDArray[np.uint64]) -> None:
+    """Take as many random numbers as `walk` takes for ``count`` moves."""
+    skip(cursor, 1 if straight else 1 + count)
 
 
 @kernel
@@ -58,15 +57,17 @@ def follow(
     ``to`` holds the moves to that cell from each cell of a part of the map with ``wide`` columns, in which ``here`` has the
     index ``at``.
     """
-    heading = pick(cursor, 4)
+    heading, column = pick(cursor, 4), at % wide
     while to[at] > 0:
         turn = 0 if straight else pick(cursor, 4)
         for k in range(4):
             way = (heading + turn + k) & 3
-            # `_beside` refuses steps across the left or right edge of the part, which lead to another row.
+            right = (0, 1, 0, -1)[way]
             near = at + (-wide, 1, wide, -1)[way]
-            if 0 <= near < len(to) and to[near] == to[at] - 1 and _beside(at, near, wide):
+            # A step across the left or right edge of the part would lead to another row.
+            if 0 <= near < len(to) and 0 <= column + right < wide and to[near] == to[at] - 1:
                 heading, at = way, near
+                column += right
                 here += (-cols, 1, cols, -1)[way]
                 break
         out[length] = here

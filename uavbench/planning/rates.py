@@ -47,6 +47,27 @@ class NearRates(NamedTuple):
     rates: NDArray[np.float32]
 
 
+class RankedRates(NamedTuple):
+    """Expected rates with the devices in the order of their rates, for each place and direction of the UAV's action.
+
+    Attributes
+    ----------
+    devices : ndarray of int32, shape (MN, 5, communication steps, K)
+        The numbers of the devices, the one with the highest rate first; of equal rates, that of the lower number.
+    rates : ndarray of float32, shape (MN, 5, communication steps, K)
+        Their rates in data units per communication step, from the highest to the lowest: see `expected_rates`.
+    """
+
+    devices: NDArray[np.int32]
+    rates: NDArray[np.float32]
+
+
+def ranked(rates: NDArray[np.float32]) -> RankedRates:
+    """Return expected rates with the devices in the order of their rates, so that a search finds the best one at once."""
+    devices = np.argsort(-rates, axis=-1, kind="stable")
+    return RankedRates(devices.astype(np.int32), np.take_along_axis(rates, devices, axis=-1))
+
+
 def expected_rates(scenario: Scenario, devices: NDArray[np.int32], city: City | None = None) -> NDArray[np.float32]:
     """Return the expected rate of each device, in data units per communication step.
 
