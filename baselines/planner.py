@@ -8,8 +8,11 @@ On a large map, one search starts from a tour of the places that pay most; in DH
 every few steps.
 """
 
+import math
+
 from uavbench.planning import coverage, harvesting
 from uavbench.planning.distances import is_large
+from uavbench.planning.turns import turns_at
 from uavbench.world.city import HOVER, LAND, action_between, neighbour
 
 
@@ -20,6 +23,7 @@ class Agent:
 
     mending_changes = 4_000  # tried at every step in DH
     mending_heat = 0.3  # initial temperature in data units: low enough to improve a flight instead of replacing it
+    turn_cost = 0.0  # moves that a turn by 90° counts as
 
     def __init__(self, scenario):
         self._scenario = scenario
@@ -38,6 +42,8 @@ class Agent:
         self._seed = info["seed"] & 0xFFFFFFFF
         self._flights = {}
         self._steps = 0
+        self._before = {}  # the cell of each UAV before its last move
+        self._turned = {}  # moves that its turns count as
 
     def act_team(self, observations, infos):
         """Return the next action of each UAV's flight."""
@@ -56,6 +62,7 @@ class Agent:
                 actions.append(LAND if state.city.landing[state.position] else HOVER)
                 continue
             here, there = flight[:2]
+            self._note_turn(state, there)
             actions.append(action_between(here, there))
             held[k] = there
             self._flights[state.uav] = flight[1:]
@@ -90,11 +97,21 @@ class Agent:
     def _search(self, states, seed, changes, **more):
         """Search for flights; in a team, each UAV keeps some actions in reserve, because another may be in its way."""
         starts, budgets = self._problem(states, [len(flight) for flight in more.get("first", ())])
-        more |= {"seed": seed, "moves": changes, "city": states[0].city}
+        more |= {"seed": seed, "moves": changes, "city": states[0].city, "turn_cost": self.turn_cost}
         if self._harvests:
             devices, data = states[0].device_cell, states[0].device_data
             return harvesting.search(self._scenario, self._rates, devices, data, starts, budgets, **more)
         return coverage.search(self._scenario, states[0].target, starts, budgets, **more)
+
+    def _note_turn(self, state, there):
+        """Add the turn that a UAV makes in its cell to those that its budget has paid for."""
+        before, here = self._before.get(state.uav), state.position
+        cols = state.city.shape[1]
+        if before is not None:
+            first, middle, last = (r * cols + c for r, c in (before, here, there))
+            turns = turns_at(first, middle, last, cols)
+            self._turned[state.uav] = self._turned.get(state.uav, 0.0) + self.turn_cost * turns
+        self._before[state.uav] = here
 
     def _tours(self, states):
         """Return first flights for a large map."""
@@ -104,12 +121,12 @@ class Agent:
             return harvesting.first_flights(states[0].device_data, states[0].device_cell, starts, budgets, city, **more)
         return coverage.first_flights(self._scenario, states[0].target, starts, budgets, city, **more)
 
-    @staticmethod
-    def _problem(states, needed=()):
+    def _problem(self, states, needed=()):
         """Return the UAVs' cells, and the actions that their flights may take; at least what is needed."""
         slack = 2 * (len(states) - 1)
         needed = needed or [int(s.city.distance_to_landing[s.position]) + 1 for s in states]
-        budgets = [max(state.budget - slack, need) for state, need in zip(states, needed, strict=True)]
+        spent = [slack + math.ceil(self._turned.get(state.uav, 0.0)) for state in states]
+        budgets = [max(s.budget - less, need) for s, less, need in zip(states, spent, needed, strict=True)]
         return [state.position for state in states], budgets
 
     @staticmethod

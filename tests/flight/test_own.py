@@ -70,6 +70,18 @@ def test_a_flight_over_devices_of_any_amount_collects_from_them(tmp_path):
     assert own.options["noise"] is False
 
 
+def test_turns_may_cost_moves(tmp_path):
+    path = area(tmp_path / "a.geojson", 1, 1, 6, 6)
+    free, dear = (plan_own(CPP, path, GROUND[CPP.id], budget=30, turn_cost=cost) for cost in (0.0, 2.0))
+    assert dear.flight.landed
+    assert len(dear.flight.routes[0].stops) < len(free.flight.routes[0].stops)  # stops are where it turns
+    for cost in (-0.1, 101.0, float("nan")):
+        with pytest.raises(FlightError, match=r"--turn-cost .*: it must be from 0 to 100 moves"):
+            plan_own(CPP, path, GROUND[CPP.id], turn_cost=cost)
+    with pytest.raises(FlightError, match=r"--agent greedy: .*it has no setting turn_cost"):
+        plan_own(CPP, path, GROUND[CPP.id], agent="greedy", turn_cost=1.0)
+
+
 def test_it_starts_where_it_is_told(tmp_path):
     path = area(tmp_path / "a.geojson", 2, 2, 6, 6)
     for cell in np.argwhere(np.asarray(CITY.landing)).tolist()[::3]:

@@ -1,5 +1,7 @@
 """Proposed changes lead to flights that are possible, and differ from the flight before."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -35,7 +37,7 @@ def test_changed_flights_move_from_neighbour_to_neighbour_and_land_in_time(hover
         assert len(flight) - 1 <= longest
         assert flight[0] == path[0]
         assert flight[-1] in landing
-        for here, there in zip(flight, flight[1:], strict=False):
+        for here, there in pairwise(flight):
             down, right = there // cols - here // cols, there % cols - here % cols
             assert abs(down) + abs(right) == 1 or (hovers and here == there)
         assert not city.no_fly.reshape(-1)[flight].any()

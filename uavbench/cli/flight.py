@@ -133,6 +133,9 @@ def plan(
     speed: Annotated[float, typer.Option(help="m/s.")] = 5.0,
     altitude: Annotated[float | None, typer.Option(help="m above the place of take-off.")] = None,
     agent: Annotated[str, typer.Option(help="Who plans: a built-in agent, or a file as for evaluate.")] = "planner",
+    turn_cost: Annotated[
+        float | None, typer.Option(help="How many moves a turn by 90° counts as; by default turns are free.")
+    ] = None,
 ) -> None:
     """Plan one real flight over targets of your own, and write its mission.
 
@@ -158,7 +161,7 @@ def plan(
         ground = Ground(loaded, place)
         begins = None if start is None else read_origin(start, "--start")
         with working(Console(stderr=True), "planning", 1) as advance:
-            own = plan_own(loaded, targets, ground, agent=agent, start=begins, budget=budget)
+            own = plan_own(loaded, targets, ground, agent=agent, start=begins, budget=budget, turn_cost=turn_cost)
             advance(own)
         settings = Settings(speed, altitude_of(loaded) if altitude is None else altitude)
         path = out or Path(f"{targets.stem}{FORMATS[format_][1]}")

@@ -109,6 +109,8 @@ class Job:
         numbers and seeds of the split's episodes, which reveal nothing about these.
     options : mapping, optional
         What is set by hand in each episode, as in `uavbench.simulation.simulator.Simulator.customise`.
+    settings : mapping, optional
+        Attributes of the agent, and the values that they are given once it is made.
     """
 
     source: AgentSource
@@ -119,6 +121,7 @@ class Job:
     agent_sha256: str | None = None
     fresh: int | None = None
     options: Mapping[str, Any] | None = None
+    settings: Mapping[str, Any] | None = None
 
 
 def evaluate(job: Job, numbers: Sequence[int], workers: int = 0) -> Generator[EpisodeRecord]:
@@ -194,6 +197,10 @@ def _made(job: Job, clock: DecisionClock) -> Any:
         clock.stop()
     if job.agent_sha256 is not None and job.source.digest(job.scenario) != job.agent_sha256:
         raise _complaint(job, None, "its files changed while it was loaded: start again")
+    for name, value in (job.settings or {}).items():
+        if not hasattr(agent, name):
+            raise _complaint(job, None, f"it has no setting {name}")
+        setattr(agent, name, value)
     return agent
 
 

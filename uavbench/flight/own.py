@@ -18,6 +18,7 @@ from uavbench.world.city import City, city_of
 from uavbench.world.scenario import Scenario
 
 _MOST_BUDGET = 100_000
+_MOST_TURN_COST = 100.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,7 @@ def plan_own(
     agent: str = "planner",
     start: tuple[float, float] | None = None,
     budget: int | None = None,
+    turn_cost: float | None = None,
 ) -> Own:
     """Plan one flight.
 
@@ -62,6 +64,8 @@ def plan_own(
         Latitude and longitude in a landing zone; by default the middle of the landing zone that is nearest to the targets.
     budget : int, optional
         Moves; by default the largest budget of the scenario.
+    turn_cost : float, optional
+        How many moves a turn by 90° counts as; by default what the agent takes.
 
     Raises
     ------
@@ -76,10 +80,13 @@ def plan_own(
     moves = scenario.budget[1] if budget is None else budget
     if not 1 <= moves <= _MOST_BUDGET:
         raise FlightError(f"--budget {moves}: it must be from 1 to {_MOST_BUDGET}")
+    if turn_cost is not None and not 0.0 <= turn_cost <= _MOST_TURN_COST:
+        raise FlightError(f"--turn-cost {turn_cost:g}: it must be from 0 to {_MOST_TURN_COST:g} moves")
     own = _widened(scenario, moves, option)
     given = {**option, "start": _start(start, ground, city, places), "budget": moves, "noise": False}
     try:
-        job = Job(find_agent(agent), own, "train", None, options=given)
+        settings = None if turn_cost is None else {"turn_cost": turn_cost}
+        job = Job(find_agent(agent), own, "train", None, options=given, settings=settings)
         (record,) = evaluate(job, [0])
     except AgentError as error:
         raise FlightError(f"--agent {agent}: {error}") from None

@@ -130,13 +130,13 @@ class Teacher:
             devices, rates = self._rates[i]
             cells = devices.astype(np.int64) @ np.array([city.shape[1], 1])
             data = state.target[i].reshape(-1)[cells].astype(np.float64)
-            harvesting.anneal(paths, lengths, *fixed, cells, rates, data, cursor, changes, hot, paths.shape[1])
+            harvesting.anneal(paths, lengths, *fixed, cells, rates, data, cursor, changes, hot, paths.shape[1], 0.0)
             if worths is not None:
                 _harvesting_worths(paths, lengths, *fixed, city.no_fly, rates, data, cursor, found)
         else:
             views = views_of(self._scenario, state.target[i], city)
             targets = np.flatnonzero(state.target[i] > 0)
-            coverage.anneal(paths, lengths, *fixed, views, targets, cursor, changes, hot)
+            coverage.anneal(paths, lengths, *fixed, views, targets, cursor, changes, hot, 0.0)
             if worths is not None:
                 _coverage_worths(paths, lengths, *fixed, city.no_fly, views, len(targets), cursor, found)
         self._paths[i, flying], self._lengths[i, flying] = paths, lengths

@@ -15,6 +15,7 @@ from uavbench.planning.distances import Distances, distances_of
 from uavbench.planning.flights import Cell, Plan, landing_numbers, pack, unpack
 from uavbench.planning.paths import pick
 from uavbench.planning.tours import first_flight
+from uavbench.planning.turns import turned
 from uavbench.planning.views import Views, enter, in_view, leave, views_of
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
@@ -38,6 +39,7 @@ def search(
     moves: int,
     first: Sequence[Sequence[Cell]] | None = None,
     hot: float = HOT,
+    turn_cost: float = 0.0,
     city: City | None = None,
 ) -> Plan:
     """Search for flights that together cover as many targets as possible.
@@ -60,6 +62,8 @@ def search(
         The flights to start from, as in `Plan`; by default shortest paths to the nearest landing cell.
     hot : float
         The initial temperature, in target cells; with a low one, the search only makes small improvements to ``first``.
+    turn_cost : float
+        How many moves a turn by 90° counts as, in the length of a flight and in what it may take of the budget.
     city : City, optional
         The city; by default the scenario's only one. In a scenario with many cities, give it: agents read ``state.city``.
 
@@ -84,6 +88,7 @@ def search(
         cursor,
         moves,
         hot,
+        turn_cost,
     )
     return Plan(unpack(city, paths, lengths), float(covered))
 
@@ -159,6 +164,7 @@ def anneal(
     cursor: NDArray[np.uint64],
     moves: int,
     hot: float,
+    turn_cost: float,
 ) -> int:
     """Anneal the flights in place (cells 0 to ``lengths`` of each row); return how many targets the best flights cover."""
     counts = np.zeros(max(1, len(targets)), dtype=np.int32)
@@ -177,7 +183,8 @@ def anneal(
         first, after, size = propose(
             path, length, longest[u], distance, shape, landing, targets, counts, False, length + 1, cursor, new
         )
-        if size < 0:
+        price = turned(path, length, longest[u], first, after, size, new, shape[1], turn_cost) if size >= 0 else math.inf
+        if price == math.inf:
             continue
         grown = length + size - (after - first - 1)
         before = int(path[first]) if first > 0 else -1
@@ -185,7 +192,7 @@ def anneal(
         end = min(after, length) + 1  # cell ``after`` itself comes to view by another way
         change = -leave(path, first + 1, end, before, views, counts)
         change += enter(new, 0, size, before, views, counts) + enter(path, after, end, joint, views, counts)
-        gain = change - LENGTH_PRICE * (grown - length)
+        gain = change - LENGTH_PRICE * (grown - length + price)
         if gain >= 0.0 or next_uniform(cursor, 0.0, 1.0) < math.exp(gain / temperature):
             rest = length + 1 - after
             tail[:rest] = path[after : length + 1]

@@ -18,6 +18,7 @@ from uavbench.planning.nearby import new_record, new_trial
 from uavbench.planning.paths import pick
 from uavbench.planning.rates import NearRates, RankedRates, action_of, expected_rates, near_rates, ranked
 from uavbench.planning.tours import first_flight
+from uavbench.planning.turns import turned
 from uavbench.world.city import City, city_of
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
@@ -45,6 +46,7 @@ def search(
     first: Sequence[Sequence[Cell]] | None = None,
     hot: float = HOT,
     horizon: int | None = None,
+    turn_cost: float = 0.0,
     city: City | None = None,
 ) -> Plan:
     """Search for flights that together are expected to collect as much data as possible.
@@ -59,7 +61,7 @@ def search(
         Their cells.
     data : ndarray of float64, shape (K,)
         Data left at each device.
-    starts, budgets, seed, moves, first, hot, city
+    starts, budgets, seed, moves, first, hot, turn_cost, city
         As for `uavbench.planning.coverage.search`; the temperature is in data units.
     horizon : int, optional
         Only changes that begin in the first cells of a flight, so many, are tried; by default all.
@@ -79,7 +81,7 @@ def search(
     paths, lengths = pack(city, starts, budgets, first, cursor)
     begins = horizon or paths.shape[1]
     if isinstance(rates, NearRates):
-        value = _search_nearby(city, paths, lengths, budgets, rates, data, cursor, moves, hot, begins)
+        value = _search_nearby(city, paths, lengths, budgets, rates, data, cursor, moves, hot, begins, turn_cost)
         return Plan(unpack(city, paths, lengths), value)
     value = anneal(
         paths,
@@ -95,6 +97,7 @@ def search(
         moves,
         hot,
         begins,
+        turn_cost,
     )
     return Plan(unpack(city, paths, lengths), float(value))
 
@@ -110,6 +113,7 @@ def _search_nearby(
     moves: int,
     hot: float,
     horizon: int,
+    turn_cost: float,
 ) -> float:
     """Anneal flights one after the other, each for the data that those before it leave; return the data they collect."""
     left = np.array(data, dtype=np.float64)
@@ -118,7 +122,7 @@ def _search_nearby(
     share = moves // len(paths)
     for u in range(len(paths)):
         lengths[u] = nearby.anneal(
-            paths[u], lengths[u], budgets[u] - 1, *fixed, left, cursor, share, hot, horizon, flown, trial
+            paths[u], lengths[u], budgets[u] - 1, *fixed, left, cursor, share, hot, horizon, turn_cost, flown, trial
         )
     return float(np.sum(data) - left.sum())
 
@@ -216,6 +220,7 @@ def anneal(
     moves: int,
     hot: float,
     horizon: int,
+    turn_cost: float,
 ) -> float:
     """Anneal the flights in place (cells 0 to ``lengths`` of each row); return the data that the best flights collect."""
     cols = shape[1]
@@ -225,6 +230,7 @@ def anneal(
     collected = simulate(paths, lengths, 1, cols, rates, left, total)
     new_left, new_total = left.copy(), total.copy()
     value = collected - LENGTH_PRICE * lengths.sum()
+    turning = 0.0  # the price of the turns, above that of the first flights
     best, best_lengths, best_value, best_collected = paths.copy(), lengths.copy(), value, collected
     served = np.zeros(len(aims), dtype=np.int32)  # always 0: flights should come near to all devices
     new = np.empty(2 * paths.shape[1] + 8 * shape[0] * shape[1], dtype=np.int32)
@@ -237,9 +243,10 @@ def anneal(
         first, after, size = propose(
             path, length, longest[u], distance, shape, landing, aims, served, True, horizon, cursor, new
         )
-        grown = length + size - (after - first - 1)
-        if size < 0:
+        price = turned(path, length, longest[u], first, after, size, new, cols, turn_cost) if size >= 0 else math.inf
+        if price == math.inf:
             continue
+        grown = length + size - (after - first - 1)
         before[first + 1 : length + 1] = path[first + 1 : length + 1]
         path[first + 1 : first + 1 + size] = new[:size]
         path[first + 1 + size : grown + 1] = before[after : length + 1]
@@ -247,14 +254,15 @@ def anneal(
         new_left[first], new_total[first] = left[first], total[first]
         found = simulate(paths, lengths, first + 1, cols, rates, new_left, new_total)
         worth = found - LENGTH_PRICE * lengths.sum()
-        gain = worth - value
+        gain = worth - value - LENGTH_PRICE * price
         if gain >= 0.0 or next_uniform(cursor, 0.0, 1.0) < math.exp(gain / temperature):
             last = lengths.max()
             left[first + 1 : last + 1] = new_left[first + 1 : last + 1]
             total[first + 1 : last + 1] = new_total[first + 1 : last + 1]
             value, collected = worth, found
-            if value > best_value + 1e-9:
-                best_value, best_collected = value, collected
+            turning += LENGTH_PRICE * price
+            if value - turning > best_value + 1e-9:
+                best_value, best_collected = value - turning, collected
                 best[:], best_lengths[:] = paths, lengths
         else:
             path[first + 1 : length + 1] = before[first + 1 : length + 1]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from uavbench.planning.changes import propose
 from uavbench.planning.distances import Distances
 from uavbench.planning.rates import NearRates, action_of
+from uavbench.planning.turns import turned
 from uavbench.world.kernel import kernel
 from uavbench.world.keyed import next_uniform
 
@@ -89,6 +90,7 @@ def anneal(
     moves: int,
     hot: float,
     horizon: int,
+    turn_cost: float,
     flown: Record,
     trial: Trial,
 ) -> int:
@@ -108,11 +110,12 @@ def anneal(
     for _ in range(moves):
         temperature *= cooling
         first, after, size = propose(path, length, longest, distance, shape, landing, aims, served, True, horizon, cursor, new)
-        grown = length + size - (after - first - 1)
-        if size < 0:
+        price = turned(path, length, longest, first, after, size, new, cols, turn_cost) if size >= 0 else math.inf
+        if price == math.inf:
             continue
+        grown = length + size - (after - first - 1)
         gain, affected = _try(path, length, first, after, size, new, rates, data, cols, flown, trial)
-        gain -= _LENGTH_PRICE * (grown - length)
+        gain -= _LENGTH_PRICE * (grown - length + price)
         if gain < 0.0 and next_uniform(cursor, 0.0, 1.0) >= math.exp(gain / temperature):
             continue
         rest, onward = length + 1 - after, first + 1 + size
