@@ -252,7 +252,7 @@ def test_a_disk_that_fills_up_meanwhile_is_said_and_what_was_kept_before_stays(t
     interrupt(tmp_path, mine)
     partial = tmp_path / "Block8-DH-v0" / "mine.partial" / "records.npz"
     kept = partial.read_bytes()
-    monkeypatch.setattr("uavbench.evaluation.run.write_atomic", full)
+    monkeypatch.setattr("uavbench.evaluation.kept.write_atomic", full)
     monkeypatch.setattr("uavbench.evaluation.run._CHECKPOINT_SECONDS", seconds)
     if seconds:  # the agent fails, and what it did cannot be kept: both are said
         with pytest.raises(AgentError, match="episode 7") as told:

@@ -4,7 +4,7 @@ import io
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -171,6 +171,12 @@ def evaluate(
             help="Replace a result or an interrupted run even if it is of another split, more episodes or another agent.",
         ),
     ] = False,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="K/N", help="Fly only part K of N, for a batch system; uavbench merge makes a result of all parts."
+        ),
+    ] = None,
 ) -> None:
     """Score an agent on the episodes of a split.
 
@@ -183,7 +189,8 @@ def evaluate(
     from uavbench.agents.agent import find_agent
     from uavbench.cli.progress import episodes_progress
     from uavbench.evaluation.evaluate import AgentDeclinedError, AgentError
-    from uavbench.evaluation.run import jobs, run
+    from uavbench.evaluation.run import jobs, run, run_shard
+    from uavbench.evaluation.shards import read_shard
 
     console, start, status = Console(), Path.cwd(), 0
     try:
@@ -195,16 +202,13 @@ def evaluate(
     for job, count, optional in planned:
         try:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
-                result = run(
-                    job,
-                    count,
-                    out,
-                    workers=workers,
-                    resume=resume,
-                    overwrite=overwrite,
-                    on_start=lambda count=count: progress.show(count),
-                    on_record=lambda record: progress.advance(record.cral),
-                )
+                how: Any = {"workers": workers, "resume": resume, "overwrite": overwrite, "on_record": progress.note}
+                if shard is not None:
+                    part = read_shard(shard, count)
+                    folder = run_shard(job, part, out, on_start=lambda part=part: progress.show(len(part.numbers)), **how)
+                    typer.echo(f"{len(part.numbers)} episodes; {_seen_from(start, folder)}")
+                    continue
+                result = run(job, count, out, on_start=lambda count=count: progress.show(count), **how)
             _print_result(console, result, job.scenario, start)
         except AgentDeclinedError as error:
             if optional:
@@ -226,9 +230,45 @@ def _print_result(console: "Console", result: "Result", scenario: "Scenario", st
     known = gaps(result, scenario)
     if known:
         console.print(gaps_text(known), highlight=False)
-    folder = result.folder.relative_to(start) if result.folder.is_relative_to(start) else result.folder
+    folder = _seen_from(start, result.folder)
     line = f"{result.summary['decisions_per_second']:,.0f} decisions/s, {result.summary['wall_time']:.1f} s; {folder}"
     console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+
+def _seen_from(start: Path, folder: Path) -> Path:
+    """Return a folder as seen from the folder ``start``, if it is inside."""
+    return folder.relative_to(start) if folder.is_relative_to(start) else folder
+
+
+@app.command(
+    epilog="\b\nExample:\n  uavbench evaluate --agent greedy --shard 1/2\n  uavbench evaluate --agent greedy --shard 2/2\n"
+    "  uavbench merge results/Manhattan32-CPP-v0/greedy.shard-*"
+)
+def merge(
+    folders: Annotated[list[Path], typer.Argument(help="The folders that evaluate --shard wrote, all of one evaluation.")],
+    out: Annotated[Path, typer.Option(help="The folder of all results.")] = Path("results"),
+    scenario: ScenarioFile = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace a result that is there, even if it is of another evaluation.")
+    ] = False,
+) -> None:
+    """Make a result of all shards of an evaluation.
+
+    Every episode is flown again from its actions. Missing shards, shards that are given twice, and shards of different
+    evaluations are refused.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError
+    from uavbench.cli.progress import working
+    from uavbench.evaluation.shards import merge as merge_shards
+
+    try:
+        with working(Console(stderr=True), "checking", len(folders)) as advance:
+            result = merge_shards(folders, out, scenario=scenario, overwrite=overwrite, on_shard=advance)
+        _print_result(Console(), result, result.scenario, Path.cwd())
+    except UavbenchError as error:
+        raise fail(error) from None
 
 
 @app.command(epilog="\b\nExample:\n  uavbench replay results/Manhattan32-CPP-v0/my_agent")

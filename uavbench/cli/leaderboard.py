@@ -171,7 +171,7 @@ def rerun(
                 progress.show(count + fresh)
                 told = submission, source, count, workers, decision_timeout
                 try:
-                    found = fly_again(*told, lambda record: progress.advance(record.cral), fresh, key)
+                    found = fly_again(*told, progress.note, fresh, key)
                 except RerunInterrupted as interrupted:
                     if interrupted.rerun.episodes:
                         save_rerun(kept, interrupted.rerun)

@@ -92,7 +92,7 @@ def dataset(
                 name=name,
                 workers=workers,
                 on_start=lambda: progress.show(episodes),
-                on_record=lambda record: progress.advance(record.cral),
+                on_record=progress.note,
             )
     except UavbenchError as error:
         raise fail(error) from None

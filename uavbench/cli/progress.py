@@ -8,6 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from uavbench.evaluation.evaluate import EpisodeRecord
 from uavbench.evaluation.metrics import NAMES
 from uavbench.learning.train import Point
 
@@ -94,6 +95,10 @@ class EpisodesProgress:
         self._progress.update(self._task, total=total)
         if total:
             self._progress.start()
+
+    def note(self, record: EpisodeRecord) -> None:
+        """Count a finished episode, with its CRAL."""
+        self.advance(record.cral)
 
     def advance(self, value: float) -> None:
         """Count a finished episode, with its ``value`` in [0, 1]."""

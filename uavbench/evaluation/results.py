@@ -301,25 +301,45 @@ def identity(job: Job, episodes: int) -> dict[str, Any]:
     }
 
 
-def publish(folder: Path, job: Job, records: Sequence[EpisodeRecord], wall_time: float, workers: int) -> Result:
+def scenario_file(scenario: Scenario) -> dict[str, str]:
+    """Return where the file of a user's own scenario is, as an entry of a summary; nothing for one that comes with uavbench."""
+    shipped = scenario_paths().get(scenario.id) == scenario.path
+    return {"scenario_file": str(scenario.path)} if scenario.path.suffix and not shipped else {}
+
+
+def publish(
+    folder: Path, facts: Mapping[str, Any], scenario: Scenario, records: Sequence[EpisodeRecord], seconds: float, workers: int
+) -> Result:
     """Write a result's files to ``folder``, all at once; other files in the folder are kept.
+
+    Parameters
+    ----------
+    folder : Path
+    facts : mapping
+        The `identity` of the evaluation.
+    scenario : Scenario
+    records : sequence of EpisodeRecord
+        All its episodes, in the order of their numbers.
+    seconds : float
+        The time that they took.
+    workers : int
+        The processes that flew them.
 
     Raises
     ------
     OSError
         When they cannot be written; the folder is then unchanged.
     """
-    decisions, spread = sum(record.steps for record in records), spread_of(records, job.scenario, job.split)
-    shipped = scenario_paths().get(job.scenario.id) == job.scenario.path
+    decisions, spread = sum(record.steps for record in records), spread_of(records, scenario, facts["split"])
     summary: dict[str, Any] = {
-        **identity(job, len(records)),
-        **({"scenario_file": str(job.scenario.path)} if job.scenario.path.suffix and not shipped else {}),
-        "metrics": {name: asdict(each) for name, each in metrics_of(records, job.scenario, job.split).items()},
+        **facts,
+        **scenario_file(scenario),
+        "metrics": {name: asdict(each) for name, each in metrics_of(records, scenario, facts["split"]).items()},
         **({"cral_over_cities": asdict(spread)} if spread else {}),
         "confidence": CONFIDENCE,
         "decisions": decisions,
         "decisions_per_second": decisions / max(sum(record.seconds for record in records), 1e-9),
-        "wall_time": wall_time,
+        "wall_time": seconds,
         "workers": workers,
         "versions": {
             "python": platform.python_version(),

@@ -1,42 +1,30 @@
-"""An evaluation from beginning to end, which may be interrupted and resumed.
+"""An evaluation from beginning to end, or one shard of it, which may be interrupted and resumed.
 
 Finished episodes are kept in ``<agent>.partial`` beside the result's folder; `run` with ``resume`` continues from there and
 gives the same result as a run that was not interrupted.
 """
 
 import contextlib
-import json
-import math
 import shutil
 import time
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any, NamedTuple, TypeVar
 
 from uavbench.agents.agent import AgentSource
-from uavbench.errors import one_line
 from uavbench.evaluation.evaluate import EpisodeRecord, Job, evaluate
-from uavbench.evaluation.metrics import ROUNDING
-from uavbench.evaluation.replay import fly_recorded
+from uavbench.evaluation.kept import Kept, check_kept, different, read_kept, write_kept
 from uavbench.evaluation.results import Result, ResultError, identity, load_result, publish
-from uavbench.world.episode import Columns, check_split, split_size
-from uavbench.world.files import (
-    ARRAYS_BYTES,
-    FileError,
-    check_writable,
-    pack_arrays,
-    read_bounded,
-    unpack_arrays,
-    write_atomic,
-)
+from uavbench.evaluation.shards import Shard, write_shard
+from uavbench.world.episode import check_split, split_size
+from uavbench.world.files import BusyError, check_writable, held
 from uavbench.world.resources import scenario_paths
 from uavbench.world.scenario import load_scenario
 
+_Written = TypeVar("_Written")
+
 _CHECKPOINT_SECONDS = 10.0
-_KINDS: dict[Any, str] = {int: "i", float: "f", bool: "b"}  # NumPy's kinds of the types of a record's fields
 #: How many episodes of the train split are flown by default.
 TRAIN_EPISODES = 1000
 
@@ -129,60 +117,204 @@ def run(
     Raises
     ------
     ResultError
-        When ``out`` cannot be written; when there is an interrupted run of the same evaluation and ``resume`` is not given, or
-        with ``resume`` one of another evaluation; when ``overwrite`` is needed to replace what is there, but not given; when
-        the saved episodes are damaged; or when the agent's files have changed meanwhile: then nothing that it flew is kept.
+        When ``out`` cannot be written; when another process runs the same evaluation into it; when there is an interrupted run
+        of the same evaluation and ``resume`` is not given, or with ``resume`` one of another evaluation; when ``overwrite`` is
+        needed to replace what is there, but not given; when the saved episodes are damaged; or when the agent's files have
+        changed meanwhile: then nothing that it flew is kept.
     AgentError, KeyboardInterrupt
         When the agent fails or the user interrupts the run; finished episodes are kept.
     """
-    folder = out.absolute() / job.scenario.id / job.source.name
-    sought = identity(job, episodes)
-    job = replace(job, agent_sha256=sought["agent_sha256"])
-    with _saying_where(folder.parent):
-        check_writable(folder.parent)
-    partial = _Partial(folder.with_name(folder.name + ".partial"), sought, job)
-    records, spent = partial.load(resume, overwrite)
-    finished = _finished(folder)
-    if finished and resume and not records and all(finished.summary.get(name) == value for name, value in sought.items()):
-        return finished
-    if finished and not overwrite:
-        _check_replaceable(finished, job, episodes, sought)
-    on_start()
-    for record in records.values():
-        on_record(record)
-    missing = [number for number in range(episodes) if number not in records]
-    started = saved = time.perf_counter()
-    try:
-        for record in evaluate(job, missing, workers) if missing else ():
-            records[record.episode] = record
-            on_record(record)
-            if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
-                _check_unchanged(job, episodes, sought)
-                partial.save(records, spent + time.perf_counter() - started)
-                saved = time.perf_counter()
-        wall_time = spent + time.perf_counter() - started
-        _check_unchanged(job, episodes, sought)
-        with _saying_where(folder):
-            result = publish(folder, job, [records[number] for number in range(episodes)], wall_time, workers)
-    except BaseException as error:
+    flying = _Flying(job, episodes, out)
+    with flying.alone():
+        kept, finished = flying.load(resume, overwrite), _finished(flying.folder)
+        if finished and resume and not kept.records and not different(finished.summary, flying.sought):
+            return finished
+        if finished and not overwrite:
+            _check_replaceable(finished, job, episodes, flying.sought)
+        on_start()
+
+        def write() -> Result:
+            records = [kept.records[number] for number in range(episodes)]
+            return publish(flying.folder, flying.sought, job.scenario, records, kept.spent, workers)
+
+        return flying.fly(kept, range(episodes), workers, on_record, write)
+
+
+def run_shard(
+    job: Job,
+    shard: Shard,
+    out: Path,
+    *,
+    workers: int = 1,
+    resume: bool = False,
+    overwrite: bool = False,
+    on_start: Callable[[], None] = lambda: None,
+    on_record: Callable[[EpisodeRecord], None] = lambda record: None,
+) -> Path:
+    """Fly one shard of an evaluation, and keep it in the folder ``out``/<scenario>/<agent>.shard-K-of-N, which is returned.
+
+    `uavbench.evaluation.shards.merge` makes a result of all shards. The parameters and errors are those of `run`. A finished
+    shard of the same evaluation is returned as it is with ``resume``, and replaced without.
+    """
+    flying = _Flying(job, shard.episodes, out, shard)
+    with flying.alone():
+        kept, finished = flying.load(resume, overwrite), read_kept(flying.folder)
+        differ = different(finished.identity, flying.sought) if finished else []
+        if finished and resume and not kept.records and not differ:
+            return flying.folder
+        if differ and not overwrite:
+            raise ResultError(
+                f"{flying.folder} holds a shard of another evaluation (its {differ[0]} is another one): give another --out, or "
+                "--overwrite"
+            )
+        on_start()
+        return flying.fly(kept, shard.numbers, workers, on_record, lambda: write_shard(flying.folder, job.scenario, kept))
+
+
+class _Flying:
+    """An evaluation into a folder of results, whose finished episodes are kept beside it until it is written.
+
+    Parameters
+    ----------
+    job : Job
+    episodes : int
+        The number of episodes of the whole evaluation.
+    out : Path
+        The folder of all results.
+    shard : Shard, optional
+        The part of it that is flown, if it is not the whole.
+
+    Attributes
+    ----------
+    sought : dict
+        The facts that identify the evaluation.
+    folder : Path
+        The folder for it.
+    """
+
+    def __init__(self, job: Job, episodes: int, out: Path, shard: Shard | None = None) -> None:
+        name = shard.folder_name(job.source.name) if shard else job.source.name
+        self._out = out
+        self.folder = out.absolute() / job.scenario.id / name  # before the agent may change the current folder
+        self._partial = self.folder.with_name(name + ".partial")
+        self.sought = {**identity(job, episodes), **({"shard": str(shard)} if shard else {})}
+        self._job = replace(job, agent_sha256=self.sought["agent_sha256"])
+
+    @contextlib.contextmanager
+    def alone(self) -> Generator[None]:
+        """Let no other process run the same evaluation into the same folder in the block."""
+        with _saying_where(self.folder.parent):
+            check_writable(self.folder.parent)
         try:
-            _check_unchanged(job, episodes, sought)
-            partial.save(records, spent + time.perf_counter() - started)
+            with held(self._partial):
+                yield
+        except BusyError:
+            raise ResultError(
+                f"{self._partial} is in use: another process runs this evaluation now. Wait until it has ended, or give "
+                "another --out"
+            ) from None
+        finally:
+            with contextlib.suppress(OSError):
+                self.folder.parent.rmdir()  # only if it is empty
+
+    def load(self, resume: bool, overwrite: bool) -> Kept:
+        """Return what an interrupted run has finished; nothing if there is none or a new run replaces it."""
+        kept = read_kept(self._partial)
+        if kept is None:
+            return Kept(self.sought)
+        found, differ = kept.identity, different(kept.identity, self.sought)
+        where = f"{self._partial} holds an unfinished run of {found['agent']} on {found['scenario']}"
+        if not resume and not overwrite and _is_of_another(found, self.sought):
+            raise ResultError(
+                f"{where}, of another agent of that name ({_agent_file(found)}): finish it first, give this one another "
+                "name with --name NAME, give another --out, or --overwrite"
+            )
+        if not resume and (set(differ) - {"split", "episodes"} or (differ and overwrite)):
+            return Kept(self.sought)  # the agent or scenario has been edited: a new run
+        if not resume and differ:
+            raise ResultError(
+                f"{where}, {len(kept.records)} of {found['episodes']} {found['split']} episodes done: "
+                "finish it first, give another --out, or --overwrite"
+            )
+        if not resume:
+            raise ResultError(
+                f"{where}, {len(kept.records)} of {found['episodes']} episodes done: "
+                "finish it with --resume, or delete the folder to start over"
+            )
+        if differ:
+            name = differ[0]
+            raise ResultError(
+                f"{where}, but its {name} is {_short(found.get(name))}, not {_short(self.sought[name])}: "
+                "run without --resume, with --overwrite, to start over"
+            )
+        check_kept(self._partial, kept, self._job.scenario, self._job.split)
+        return kept
+
+    def fly(
+        self,
+        kept: Kept,
+        numbers: Sequence[int],
+        workers: int,
+        on_record: Callable[[EpisodeRecord], None],
+        write: Callable[[], _Written],
+    ) -> _Written:
+        """Fly the episodes that are missing, and return what ``write`` makes of all; if something fails, keep what is done."""
+        records = kept.records
+        for record in records.values():
+            on_record(record)
+        missing = [number for number in numbers if number not in records]
+        started = saved = time.perf_counter()
+        before = kept.spent
+        try:
+            for record in evaluate(self._job, missing, workers) if missing else ():
+                records[record.episode] = record
+                on_record(record)
+                kept.spent = before + time.perf_counter() - started
+                if time.perf_counter() - saved > _CHECKPOINT_SECONDS:
+                    self._save(kept)
+                    saved = time.perf_counter()
+            self._check_unchanged()
+            with _saying_where(self.folder):
+                written = write()
+        except BaseException as error:
+            self._save_after(error, kept)
+            raise
+        shutil.rmtree(self._partial, ignore_errors=True)
+        return written
+
+    def _save(self, kept: Kept) -> None:
+        """Keep what has been finished so far."""
+        self._check_unchanged()
+        if kept.records:
+            with _saying_where(self._partial):
+                write_kept(self._partial, kept)
+
+    def _save_after(self, error: BaseException, kept: Kept) -> None:
+        """Keep what was finished before an error, and note in the error that it is kept."""
+        try:
+            self._save(kept)
         except _ChangedError as changed:
-            partial.remove()
+            shutil.rmtree(self._partial, ignore_errors=True)
             if not isinstance(error, _ChangedError):
                 raise changed from error
         except ResultError as full:
             if str(full) != str(error):
                 error.add_note(str(full))
         else:
-            if records:
-                error.add_note(f"finished episodes are kept in {out}; --resume goes on, if the agent's files are as they were")
-        with contextlib.suppress(OSError):
-            folder.parent.rmdir()  # only if it is empty
-        raise
-    partial.remove()
-    return result
+            if kept.records:
+                error.add_note(
+                    f"finished episodes are kept in {self._out}; --resume goes on, if the agent's files are as they were"
+                )
+
+    def _check_unchanged(self) -> None:
+        """Raise a _ChangedError if the agent's files are not the same as at the beginning."""
+        name = self._job.source.name
+        with contextlib.suppress(OSError):  # a file is gone
+            if self._job.source.digest(self._job.scenario) == self.sought["agent_sha256"]:
+                return
+        raise _ChangedError(
+            f"{name}: its files or weights changed while it flew, so nothing that it flew is kept: copy them, and start over"
+        )
 
 
 def _check_replaceable(finished: Result, job: Job, episodes: int, sought: dict[str, Any]) -> None:
@@ -202,19 +334,6 @@ def _check_replaceable(finished: Result, job: Job, episodes: int, sought: dict[s
 
 class _ChangedError(ResultError):
     """The files of an agent changed while it flew, so that nobody knows which episodes were flown by which version."""
-
-
-def _check_unchanged(job: Job, episodes: int, sought: dict[str, Any]) -> None:
-    """Raise a _ChangedError if the agent's files are not the same as at the beginning."""
-    try:
-        if identity(job, episodes) == sought:
-            return
-    except OSError:  # a file is gone
-        pass
-    raise _ChangedError(
-        f"{job.source.name}: its files or weights changed while it flew, so nothing that it flew is kept: copy them, and start "
-        "over"
-    )
 
 
 def _is_of_another(found: dict[str, Any], sought: dict[str, Any]) -> bool:
@@ -248,120 +367,3 @@ def _short(value: object) -> str:
     """Return the beginning of a digest, or any other value as text."""
     text = str(value)
     return text[:12] + "…" if len(text) == 64 else text
-
-
-def _read_identity(columns: Columns) -> dict[str, Any]:
-    """Return the identity of an interrupted run: a dictionary with at least the entries that messages quote."""
-    identity: Any = json.loads(str(columns["identity"]))
-    if not isinstance(identity, dict) or not {"agent", "scenario", "split", "episodes"} <= identity.keys():
-        raise ValueError("its identity does not name a run")
-    return {str(name): value for name, value in identity.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownArgumentType]
-
-
-def _read_spent(columns: Columns) -> float:
-    """Return the seconds that an interrupted run has taken so far."""
-    spent = float(columns["spent"].astype(np.float64, casting="same_kind"))
-    if not 0.0 <= spent < math.inf:
-        raise ValueError(f"spent is {spent}")
-    return spent
-
-
-def _read_records(columns: Columns) -> dict[int, EpisodeRecord]:
-    """Return the records by their episodes' numbers; raise a ValueError if one occurs twice or has impossible values."""
-    kinds = {field.name: _KINDS[field.type] for field in fields(EpisodeRecord) if field.name != "actions"}
-    lengths, actions = columns["lengths"], columns["actions"]
-    count = len(lengths)
-    for name in ("lengths", *kinds):
-        if columns[name].shape != (count,) or columns[name].dtype.kind != kinds.get(name, "i"):
-            raise ValueError(f"{name}: {columns[name].dtype} of shape {columns[name].shape}")
-    if actions.ndim != 2 or actions.dtype != np.uint8 or (lengths < 1).any() or int(lengths.sum()) != len(actions):
-        raise ValueError("its lengths do not cut the actions into episodes")
-    if count != len(np.unique(columns["episode"])) or (columns["episode"] < 0).any():
-        raise ValueError("an episode is there twice, or its number is negative")
-    for name in kinds:
-        if not np.isfinite(columns[name]).all():
-            raise ValueError(f"{name} is not finite")
-    rows = zip(*(columns[name].tolist() for name in kinds), strict=True)
-    parts = np.split(actions, np.cumsum(lengths)[:-1])
-    records = [EpisodeRecord(**dict(zip(kinds, row, strict=True)), actions=part) for row, part in zip(rows, parts, strict=True)]
-    return {record.episode: record for record in records}
-
-
-def _alike(record: EpisodeRecord, again: EpisodeRecord) -> bool:
-    """Return whether two records agree, apart from the decision times and from differences of at most `ROUNDING`."""
-    names = [field.name for field in fields(EpisodeRecord) if field.name not in ("actions", "seconds")]
-    return all(abs(float(getattr(record, name)) - float(getattr(again, name))) <= ROUNDING for name in names)
-
-
-class _Partial:
-    """The file that keeps the finished episodes of an interrupted run."""
-
-    def __init__(self, folder: Path, identity: dict[str, Any], job: Job) -> None:
-        self._job = job
-        self._path = folder / "records.npz"
-        self._identity = identity
-
-    def load(self, resume: bool, overwrite: bool) -> tuple[dict[int, EpisodeRecord], float]:
-        """Return the finished records and the seconds they took; nothing if there are none or a new run replaces them."""
-        if not self._path.exists():
-            return {}, 0.0
-        try:
-            columns = unpack_arrays(read_bounded(self._path, ARRAYS_BYTES))
-            identity = _read_identity(columns)
-            records, spent = _read_records(columns), _read_spent(columns)
-        except FileError as error:
-            raise ResultError(f"{error}; delete its folder to start over") from None
-        except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
-            raise ResultError(f"{self._path}: damaged ({one_line(error)}); delete its folder to start over") from None
-        differ = {name for name, value in self._identity.items() if identity.get(name) != value}
-        where = f"{self._path.parent} holds an unfinished run of {identity['agent']} on {identity['scenario']}"
-        if not resume and not overwrite and _is_of_another(identity, self._identity):
-            raise ResultError(
-                f"{where}, of another agent of that name ({_agent_file(identity)}): finish it first, give this one another "
-                "name with --name NAME, give another --out, or --overwrite"
-            )
-        if not resume and (differ - {"split", "episodes"} or (differ and overwrite)):
-            return {}, 0.0  # the agent or scenario has been edited: a new run
-        if not resume and differ:
-            raise ResultError(
-                f"{where}, {len(columns['episode'])} of {identity['episodes']} {identity['split']} episodes done: "
-                "finish it first, give another --out, or --overwrite"
-            )
-        if not resume:
-            raise ResultError(
-                f"{where}, {len(columns['episode'])} of {identity['episodes']} episodes done: "
-                "finish it with --resume, or delete the folder to start over"
-            )
-        for name in self._identity:
-            if name in differ:
-                raise ResultError(
-                    f"{where}, but its {name} is {_short(identity.get(name))}, not {_short(self._identity[name])}: "
-                    "run without --resume, with --overwrite, to start over"
-                )
-        for record in records.values():  # otherwise a damaged file would become a result that no replay reproduces
-            known = record.episode < self._identity["episodes"]
-            again = fly_recorded(self._job.scenario, self._job.split, record.episode, record.actions) if known else None
-            if again is None or not _alike(record, again):
-                raise ResultError(
-                    f"{self._path}: damaged (the numbers of episode {record.episode} do not follow from its actions); "
-                    "delete its folder to start over"
-                )
-        return records, spent
-
-    def save(self, records: dict[int, EpisodeRecord], spent: float) -> None:
-        """Save the finished records, completely or not at all."""
-        if not records:
-            return
-        done = list(records.values())
-        names = [field.name for field in fields(EpisodeRecord) if field.name != "actions"]
-        columns = {name: np.array([getattr(record, name) for record in done]) for name in names}
-        columns["actions"] = np.concatenate([record.actions for record in done])
-        columns["lengths"] = np.array([len(record.actions) for record in done])
-        columns["identity"] = np.array(json.dumps(self._identity))
-        columns["spent"] = np.array(spent)
-        with _saying_where(self._path):
-            write_atomic(self._path, pack_arrays(columns))
-
-    def remove(self) -> None:
-        """Delete the saved records: they are no longer needed."""
-        shutil.rmtree(self._path.parent, ignore_errors=True)
