@@ -5,6 +5,7 @@ import json
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
@@ -15,7 +16,7 @@ from uavbench.cli.app import app
 from uavbench.evaluation.evaluate import AgentError, Job
 from uavbench.evaluation.kept import FILE, read_kept, write_kept
 from uavbench.evaluation.replay import replay
-from uavbench.evaluation.results import ResultError
+from uavbench.evaluation.results import ResultError, load_result
 from uavbench.evaluation.run import run, run_shard
 from uavbench.evaluation.shards import Shard, merge, read_shard
 from uavbench.world.files import BusyError, held
@@ -217,6 +218,16 @@ def test_the_commands_fly_and_merge(tmp_path, monkeypatch):
         found = runner.invoke(app, wrong)
         assert found.exit_code == code
         assert "Traceback" not in found.output
+
+
+def test_the_example_for_slurm_runs_with_processes(tmp_path):
+    example = Path(__file__).parents[2] / "docs" / "examples" / "submitit_shards.py"
+    words = ["--agent", "greedy", "--scenario", "Block8-DH-v0", "--episodes", "5", "--shards", "2", "--cluster", "local"]
+    found = subprocess.run([sys.executable, example, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert found.returncode == 0, found.stderr
+    result = load_result(tmp_path / "results" / "Block8-DH-v0" / "greedy")
+    assert f"CRAL {100 * result.metrics['cral'].mean:.1f} %" in found.stdout
+    assert result.summary["workers"] == 2
 
 
 def test_a_scenario_of_ones_own_may_have_moved(tmp_path):
