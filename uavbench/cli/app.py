@@ -4,12 +4,12 @@ import io
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from uavbench.cli import cities, flight, leaderboard, learning, pictures
-from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, command, fail, flown, number
+from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, command, fail, flown, number, warn
 from uavbench.cli.speed import speed
 from uavbench.evaluation.interrupt import terminating_interrupts
 
@@ -134,7 +134,8 @@ def check(
 @app.command(
     epilog="\b\nExamples:\n  uavbench evaluate --agent my_agent.py\n"
     "  uavbench evaluate --agent greedy --scenario Urban50-DH-v0 --episodes 100 --workers 2\n"
-    "  uavbench evaluate --agent my_agent.py --scenario all --resume"
+    "  uavbench evaluate --agent my_agent.py --scenario all --resume\n"
+    "  uavbench evaluate --agent my_agent.py --cluster dask --address tcp://head:8786"
 )
 def evaluate(
     agent: Annotated[
@@ -177,6 +178,12 @@ def evaluate(
             metavar="K/N", help="Fly only part K of N, for a batch system; uavbench merge makes a result of all parts."
         ),
     ] = None,
+    cluster: Annotated[
+        Literal["ray", "dask"] | None, typer.Option(help="Fly on a cluster of this kind instead of in --workers processes.")
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option(help="Where the cluster is; by default one is started on this machine.")
+    ] = None,
 ) -> None:
     """Score an agent on the episodes of a split.
 
@@ -188,6 +195,7 @@ def evaluate(
     from uavbench import UavbenchError
     from uavbench.agents.agent import find_agent
     from uavbench.cli.progress import episodes_progress
+    from uavbench.evaluation.cluster import Cluster
     from uavbench.evaluation.evaluate import AgentDeclinedError, AgentError
     from uavbench.evaluation.run import jobs, run, run_shard
     from uavbench.evaluation.shards import read_shard
@@ -198,11 +206,14 @@ def evaluate(
         planned = jobs(source, scenario, split, episodes, decision_timeout)
     except UavbenchError as error:
         raise fail(error) from None
+    if address is not None and cluster is None:
+        raise fail("--address belongs to a cluster: give --cluster ray or --cluster dask")
     out = start / out  # absolute, because an agent may change the current folder
     for job, count, optional in planned:
         try:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
-                how: Any = {"workers": workers, "resume": resume, "overwrite": overwrite, "on_record": progress.note}
+                crew = workers if cluster is None else Cluster(cluster, address, lambda why: warn(f"lost a part: {why}"))
+                how: Any = {"workers": crew, "resume": resume, "overwrite": overwrite, "on_record": progress.note}
                 if shard is not None:
                     part = read_shard(shard, count)
                     folder = run_shard(job, part, out, on_start=lambda part=part: progress.show(len(part.numbers)), **how)

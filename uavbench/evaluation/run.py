@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from uavbench.agents.agent import AgentSource
-from uavbench.evaluation.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.evaluation.cluster import Cluster, crew_size, evaluate_with
+from uavbench.evaluation.evaluate import EpisodeRecord, Job
 from uavbench.evaluation.kept import Kept, check_kept, different, read_kept, write_kept
 from uavbench.evaluation.results import Result, ResultError, identity, load_result, publish
 from uavbench.evaluation.shards import Shard, write_shard
@@ -86,7 +87,7 @@ def run(
     episodes: int,
     out: Path,
     *,
-    workers: int = 1,
+    workers: int | Cluster = 1,
     resume: bool = False,
     overwrite: bool = False,
     on_start: Callable[[], None] = lambda: None,
@@ -102,8 +103,8 @@ def run(
         Number of episodes of the job's split that are flown: 0 to ``episodes`` − 1.
     out : Path
         The folder of all results.
-    workers : int
-        Number of worker processes, as in `evaluate`.
+    workers : int or Cluster
+        Number of worker processes, as in `evaluate`, or a cluster.
     resume : bool
         Continue an interrupted run, if there is one. A finished result of the same evaluation is returned as it is.
     overwrite : bool
@@ -135,7 +136,7 @@ def run(
 
         def write() -> Result:
             records = [kept.records[number] for number in range(episodes)]
-            return publish(flying.folder, flying.sought, job.scenario, records, kept.spent, workers)
+            return publish(flying.folder, flying.sought, job.scenario, records, kept.spent, crew_size(workers))
 
         return flying.fly(kept, range(episodes), workers, on_record, write)
 
@@ -145,7 +146,7 @@ def run_shard(
     shard: Shard,
     out: Path,
     *,
-    workers: int = 1,
+    workers: int | Cluster = 1,
     resume: bool = False,
     overwrite: bool = False,
     on_start: Callable[[], None] = lambda: None,
@@ -254,7 +255,7 @@ class _Flying:
         self,
         kept: Kept,
         numbers: Sequence[int],
-        workers: int,
+        workers: int | Cluster,
         on_record: Callable[[EpisodeRecord], None],
         write: Callable[[], _Written],
     ) -> _Written:
@@ -266,7 +267,7 @@ class _Flying:
         started = saved = time.perf_counter()
         before = kept.spent
         try:
-            for record in evaluate(self._job, missing, workers) if missing else ():
+            for record in evaluate_with(workers, self._job, missing) if missing else ():
                 records[record.episode] = record
                 on_record(record)
                 kept.spent = before + time.perf_counter() - started
