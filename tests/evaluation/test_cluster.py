@@ -1,14 +1,17 @@
 """Clusters of Ray and Dask, which the tests start, give the bytes of an evaluation in one process, even if a part is killed."""
 
 import os
+import shutil
 import signal
+from pathlib import Path
 
 import pytest
 
 from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.cli.app import app
-from uavbench.evaluation.cluster import Cluster, ClusterError, evaluate_on
+from uavbench.evaluation.cluster import Cluster, ClusterError
+from uavbench.evaluation.crew import evaluate_with
 from uavbench.evaluation.evaluate import AgentError, Job
 from uavbench.evaluation.run import run
 
@@ -94,16 +97,38 @@ def test_a_driver_that_stops_goes_on_with_what_was_kept(engine, agent, tmp_path,
     assert sorted(again) == list(range(N))
 
 
+def test_bounds_and_reruns_on_a_cluster_are_those_of_one_process(dask_cluster, tmp_path, monkeypatch):
+    pytest.importorskip("highspy", reason="needs the extra: pip install -e '.[planning]'")
+    from typer.testing import CliRunner
+
+    def call(*words):
+        found = CliRunner().invoke(app, [str(word) for word in words])
+        assert found.exit_code == 0, found.output
+
+    where = ["--cluster", "dask", "--address", dask_cluster[0].address]
+    bound = ["bound", "Block8-CPP-v0", "--episodes", 4, "--seconds", 2]
+    call(*bound, "--out", tmp_path / "here")
+    call(*bound, "--out", tmp_path / "there", *where)
+    assert (tmp_path / "here" / "Block8-CPP-v0.csv").read_bytes() == (tmp_path / "there" / "Block8-CPP-v0.csv").read_bytes()
+    official = Path(__file__).parents[2] / "leaderboard" / "submissions"
+    # One on the state track, and one on the observation track, which flies in a process of its own.
+    for agent, name in (("greedy", "Helsinki32-CPP-v0"), ("random", "Block8-CPP-v0")):
+        mine = tmp_path / "board" / "submissions" / agent / name
+        shutil.copytree(official / agent / name, mine)
+        call("leaderboard", "rerun", mine, "--agent", agent, "--episodes", 12, "--fresh", 0, *where)
+    assert (tmp_path / "board" / "reruns.csv").read_text().count("-CPP-v0") == 2
+
+
 def test_an_agent_that_fails_on_a_cluster_is_told_as_everywhere(agent, dask_cluster):
     with pytest.raises(AgentError, match=r"slow on Block8-DH-v0, test episode 7, step 0: act.. raised AssertionError"):
-        list(evaluate_on(dask_cluster[0], agent(fails=7), range(20)))
+        list(evaluate_with(dask_cluster[0], agent(fails=7), range(20)))
 
 
 def test_a_cluster_that_is_not_there_is_refused(agent, monkeypatch):
     pytest.importorskip("distributed", reason="needs the extra: pip install -e '.[dask]'")
     monkeypatch.setattr("uavbench.evaluation.cluster._SECONDS", 1)
     with pytest.raises(ClusterError, match=r"--address tcp://127\.0\.0\.1:9: no scheduler of Dask answers there"):
-        list(evaluate_on(Cluster("dask", "tcp://127.0.0.1:9"), agent(), range(3)))
+        list(evaluate_with(Cluster("dask", "tcp://127.0.0.1:9"), agent(), range(3)))
 
 
 def test_the_command_starts_a_cluster_of_its_own(tmp_path, monkeypatch):

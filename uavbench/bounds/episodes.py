@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 
 from uavbench.bounds.coverage import coverage_bound
 from uavbench.bounds.harvesting import harvesting_bound
+from uavbench.evaluation.cluster import Cluster, work_on
+from uavbench.evaluation.crew import Crew
 from uavbench.evaluation.metrics import tolerance
+from uavbench.evaluation.parcel import ScenarioParcel, pack_scenario, unpack_scenario
 from uavbench.evaluation.processes import work_apart
 from uavbench.evaluation.reference import SPLIT, Known, Reference
 from uavbench.evaluation.replay import fly_recorded
@@ -40,7 +43,7 @@ def check_boundable(scenario: Scenario) -> None:
 
 
 def bound_episodes(
-    scenario: Scenario, numbers: Sequence[int], known: Reference, results: Iterable[Result], seconds: float, workers: int = 1
+    scenario: Scenario, numbers: Sequence[int], known: Reference, results: Iterable[Result], seconds: float, workers: Crew = 1
 ) -> Generator[EpisodeBound]:
     """Compute upper bounds of test episodes, and yield each when it is ready.
 
@@ -56,17 +59,27 @@ def bound_episodes(
         In CPP, the best flight of an episode in these results is the plan for its bound; without one, a quick search makes it.
     seconds : float
         Processor time that each bound may take.
-    workers : int
-        The number of processes.
+    workers : int or Cluster
+        The number of processes, or a cluster.
     """
     flights = _best_flights(results) if scenario.mission.kind == "coverage" else {}
     tasks = [(number, known.get(number, Known(number)).best_known, flights.get(number)) for number in numbers]
     bounder = _Bounder(scenario, seconds)
-    if workers == 1:
+    if isinstance(workers, Cluster):
+        yield from work_on(workers, _bound_there, (pack_scenario(scenario), seconds), tasks)
+    elif workers == 1:
         for task in tasks:
             yield from bounder(task)
     else:
         yield from work_apart(bounder, tasks, workers)
+
+
+_Task = tuple[int, float, NDArray[np.uint8] | None]
+
+
+def _bound_there(sent: tuple[ScenarioParcel, float], task: _Task) -> Iterator[EpisodeBound]:
+    """Yield the bound of an episode on the machine where this is called."""
+    return _Bounder(unpack_scenario(sent[0]), sent[1])(task)
 
 
 @dataclass(frozen=True)
@@ -76,7 +89,7 @@ class _Bounder:
     scenario: Scenario
     seconds: float
 
-    def __call__(self, task: tuple[int, float, NDArray[np.uint8] | None], _shown: Any = None) -> Iterator[EpisodeBound]:
+    def __call__(self, task: _Task, _shown: Any = None) -> Iterator[EpisodeBound]:
         """Yield the bound of an episode, given its number, the best known CRAL and the actions of a flight."""
         yield _bound(self.scenario, *task, seconds=self.seconds)
 

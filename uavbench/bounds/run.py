@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from uavbench.bounds.episodes import bound_episodes, check_boundable
+from uavbench.evaluation.crew import Crew
 from uavbench.evaluation.reference import (
     SPLIT,
     Known,
@@ -26,7 +27,7 @@ def run_bounds(
     out: Path,
     *,
     seconds: float,
-    workers: int = 1,
+    workers: Crew = 1,
     on_start: Callable[[int], None] = lambda episodes: None,
     on_known: Callable[[Known], None] = lambda known: None,
 ) -> Reference:
@@ -47,8 +48,8 @@ def run_bounds(
         The folder of the file.
     seconds : float
         Processor time that each bound may take.
-    workers : int
-        The number of processes.
+    workers : int or Cluster
+        The number of processes, or a cluster.
     on_start : callable
         Called once after all checks, with the number of episodes whose bounds are to be computed.
     on_known : callable

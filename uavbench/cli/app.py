@@ -4,12 +4,24 @@ import io
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from uavbench.cli import cities, flight, leaderboard, learning, pictures
-from uavbench.cli.shared import Commands, DecisionTimeout, ResultFolder, ScenarioFile, command, fail, flown, number, warn
+from uavbench.cli.shared import (
+    ClusterAddress,
+    ClusterEngine,
+    Commands,
+    DecisionTimeout,
+    ResultFolder,
+    ScenarioFile,
+    command,
+    crew_of,
+    fail,
+    flown,
+    number,
+)
 from uavbench.cli.speed import speed
 from uavbench.evaluation.interrupt import terminating_interrupts
 
@@ -178,12 +190,8 @@ def evaluate(
             metavar="K/N", help="Fly only part K of N, for a batch system; uavbench merge makes a result of all parts."
         ),
     ] = None,
-    cluster: Annotated[
-        Literal["ray", "dask"] | None, typer.Option(help="Fly on a cluster of this kind instead of in --workers processes.")
-    ] = None,
-    address: Annotated[
-        str | None, typer.Option(help="Where the cluster is; by default one is started on this machine.")
-    ] = None,
+    cluster: ClusterEngine = None,
+    address: ClusterAddress = None,
 ) -> None:
     """Score an agent on the episodes of a split.
 
@@ -195,7 +203,6 @@ def evaluate(
     from uavbench import UavbenchError
     from uavbench.agents.agent import find_agent
     from uavbench.cli.progress import episodes_progress
-    from uavbench.evaluation.cluster import Cluster
     from uavbench.evaluation.evaluate import AgentDeclinedError, AgentError
     from uavbench.evaluation.run import jobs, run, run_shard
     from uavbench.evaluation.shards import read_shard
@@ -206,13 +213,11 @@ def evaluate(
         planned = jobs(source, scenario, split, episodes, decision_timeout)
     except UavbenchError as error:
         raise fail(error) from None
-    if address is not None and cluster is None:
-        raise fail("--address belongs to a cluster: give --cluster ray or --cluster dask")
+    crew = crew_of(workers, cluster, address)
     out = start / out  # absolute, because an agent may change the current folder
     for job, count, optional in planned:
         try:
             with episodes_progress(console, f"{job.source.name} on {job.scenario.id}", "CRAL") as progress:
-                crew = workers if cluster is None else Cluster(cluster, address, lambda why: warn(f"lost a part: {why}"))
                 how: Any = {"workers": crew, "resume": resume, "overwrite": overwrite, "on_record": progress.note}
                 if shard is not None:
                     part = read_shard(shard, count)
@@ -345,6 +350,8 @@ def bound(
     ] = 20.0,
     workers: Annotated[int, typer.Option(min=1, help="The number of processes.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder of the table, <scenario>.csv.")] = Path("reference"),
+    cluster: ClusterEngine = None,
+    address: ClusterAddress = None,
 ) -> None:
     """Compute upper bounds on test episodes, which no agent can exceed.
 
@@ -368,7 +375,7 @@ def bound(
                 results,
                 out,
                 seconds=seconds,
-                workers=workers,
+                workers=crew_of(workers, cluster, address),
                 on_start=progress.show,
                 on_known=lambda known: progress.advance(known.upper_bound),
             )

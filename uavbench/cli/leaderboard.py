@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from uavbench.cli.shared import DecisionTimeout, fail
+from uavbench.cli.shared import ClusterAddress, ClusterEngine, DecisionTimeout, crew_of, fail
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -142,6 +142,8 @@ def rerun(
     ] = None,
     workers: _Workers = 1,
     decision_timeout: DecisionTimeout = 60.0,
+    cluster: ClusterEngine = None,
+    address: ClusterAddress = None,
 ) -> None:
     """Run a submission's agent again, compare every action, and let it fly fresh episodes, which nobody has published.
 
@@ -169,7 +171,7 @@ def rerun(
             count = min(episodes or submission.manifest.result.episodes, submission.manifest.result.episodes)
             with episodes_progress(Console(stderr=True), submission.label, "CRAL") as progress:
                 progress.show(count + fresh)
-                told = submission, source, count, workers, decision_timeout
+                told = submission, source, count, crew_of(workers, cluster, address), decision_timeout
                 try:
                     found = fly_again(*told, progress.note, fresh, key)
                 except RerunInterrupted as interrupted:

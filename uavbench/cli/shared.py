@@ -4,7 +4,7 @@ import math
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 import typer.core
@@ -12,6 +12,7 @@ import typer.core
 from uavbench.evaluation.interrupt import ignore_interrupts
 
 if TYPE_CHECKING:
+    from uavbench.evaluation.crew import Crew
     from uavbench.evaluation.results import Result
 
 
@@ -39,6 +40,26 @@ def number(value: float) -> float:
 
 
 DecisionTimeout = Annotated[float, typer.Option(min=1e-3, callback=number, help="Seconds that one decision may take.")]
+ClusterEngine = Annotated[
+    Literal["ray", "dask"] | None,
+    typer.Option("--cluster", help="Work on a cluster of this kind instead of in --workers processes."),
+]
+ClusterAddress = Annotated[
+    str | None, typer.Option("--address", help="Where the cluster is; by default one is started on this machine.")
+]
+
+
+def crew_of(workers: int, cluster: Literal["ray", "dask"] | None, address: str | None) -> "Crew":
+    """Return who works: processes of this machine, or a cluster, which tells when a part of it is lost."""
+    from uavbench.evaluation.cluster import Cluster
+
+    if cluster is not None:
+        return Cluster(cluster, address, lambda why: warn(f"a part of the cluster is lost: {why}"))
+    if address is not None:
+        raise fail("--address belongs to a cluster: give --cluster ray or --cluster dask")
+    return workers
+
+
 ScenarioFile = Annotated[
     str | None, typer.Option("--scenario", help="The .toml file of a scenario of your own, if it has moved.")
 ]

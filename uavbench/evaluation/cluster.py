@@ -1,24 +1,21 @@
-"""Flying episodes on a cluster of Ray or Dask.
+"""Doing work on a cluster of Ray or Dask.
 
-The episodes are cut into pieces. When machines or processes of the cluster are lost, the pieces that they had are flown again
-by those that are left; what is finished stays. The other machines need only uavbench and the packages that the agent imports:
-see `uavbench.evaluation.parcel`.
+When machines or processes of the cluster are lost, those that are left do the pieces of work again that they had; what is
+finished stays.
 """
 
 import contextlib
 import itertools
 import logging
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from uavbench.errors import UavbenchError, one_line
-from uavbench.evaluation.evaluate import DEFAULT_BATCH, EpisodeRecord, Job, evaluate
-from uavbench.evaluation.parcel import Parcel, pack, unpack
 
 Engine = Literal["ray", "dask"]
-ENGINES: tuple[Engine, ...] = ("ray", "dask")
-_PIECE = 10  # episodes of a piece if the agent flies them one by one
+Work = Callable[[Any, Any], Iterable[Any]]
+_Answer = tuple[int, list[Any] | UavbenchError]
 _WINDOW = 1_000  # pieces that the cluster is given at a time
 _RETRIES = 3  # how often the engine itself starts a piece anew whose process or machine is lost
 _SECONDS = 30  # in which a scheduler must answer
@@ -31,7 +28,7 @@ class ClusterError(UavbenchError):
 
 @dataclass
 class Cluster:
-    """A cluster on which episodes are flown.
+    """A cluster on which work is done.
 
     Attributes
     ----------
@@ -50,53 +47,36 @@ class Cluster:
     size: int = field(default=0, init=False)
 
 
-def evaluate_with(crew: "int | Cluster", job: Job, numbers: Sequence[int]) -> Generator[EpisodeRecord]:
-    """Fly episodes in worker processes of this machine, as many as ``crew`` says, or on a cluster."""
-    return evaluate_on(crew, job, numbers) if isinstance(crew, Cluster) else evaluate(job, numbers, crew)
-
-
-def crew_size(crew: "int | Cluster") -> int:
-    """Return how many processes fly."""
-    return crew.size if isinstance(crew, Cluster) else crew
-
-
-def evaluate_on(cluster: Cluster, job: Job, numbers: Sequence[int]) -> Generator[EpisodeRecord]:
-    """Fly the episodes ``numbers`` on a cluster, yielding the record of each soon after it ends.
+def work_on(cluster: Cluster, work: Work, sent: Any, pieces: Sequence[Any]) -> Generator[Any]:
+    """Do pieces of work on a cluster, and yield each result soon after its piece is done.
 
     Parameters
     ----------
     cluster : Cluster
-    job : Job
-        What is flown.
-    numbers : sequence of int
-        Which episodes.
+    work : callable
+        ``work(sent, piece)`` yields the results of a piece; a function of a module, as engines send it by its name.
+    sent : object
+        What all pieces need; it is sent to each machine once.
+    pieces : sequence
+        The work.
 
     Raises
     ------
     ClusterError
         When the cluster cannot be reached, or has failed three times in a row.
-    AgentError, ParcelError
-        When the agent fails, or the evaluation cannot be sent. The episodes that were finished have been yielded before.
-
-    Notes
-    -----
-    A call of the agent that takes too long is noticed when it returns; nothing kills it.
+    UavbenchError
+        What ``work`` raises. The results that were there before have been yielded.
     """
-    parcel, missing, tries = pack(job), dict.fromkeys(numbers), 0
-    size = min(job.batch_size, DEFAULT_BATCH) if job.source.call(job.scenario) == "act_batch" else _PIECE
+    missing, tries = dict(enumerate(pieces)), 0
     with _connected(cluster) as answers:
         while missing:
-            waiting = list(missing)
-            pieces = [waiting[k : k + size] for k in range(0, len(waiting), size)]
             try:
-                for answer in answers(parcel, pieces):
+                for number, answer in answers(work, sent, list(missing.items())):
                     if isinstance(answer, UavbenchError):
                         raise answer
                     tries = 0
-                    for record in answer:
-                        if record.episode in missing:  # a piece may have been flown twice
-                            del missing[record.episode]
-                            yield record
+                    del missing[number]
+                    yield from answer
             except UavbenchError:
                 raise
             except Exception as error:  # each engine has its own errors for what it has lost
@@ -106,15 +86,12 @@ def evaluate_on(cluster: Cluster, job: Job, numbers: Sequence[int]) -> Generator
                 cluster.on_loss(why)
 
 
-Answer = list[EpisodeRecord] | UavbenchError
-
-
-def _fly(parcel: Parcel, piece: Sequence[int]) -> Answer:
-    """Fly a piece on the machine where this is called; return the records, or what is wrong, as engines wrap exceptions."""
+def _do(work: Work, sent: Any, number: int, piece: Any) -> _Answer:
+    """Do a piece on the machine where this is called; return its results, or what is wrong, as engines wrap exceptions."""
     try:
-        return list(evaluate(unpack(parcel), piece))
+        return number, list(work(sent, piece))
     except UavbenchError as error:
-        return error
+        return number, error
 
 
 @contextlib.contextmanager
@@ -142,13 +119,13 @@ def _ray(cluster: Cluster) -> Generator[Any]:
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise ClusterError(f"--address {cluster.address}: no cluster of Ray answers there: {one_line(error)}") from None
 
-    def answers(parcel: Parcel, pieces: Sequence[Sequence[int]]) -> Generator[Answer]:
-        sent, fly, ahead = ray.put(parcel), ray.remote(max_retries=_RETRIES)(_fly), iter(pieces)
-        waiting = {fly.remote(sent, piece) for piece in itertools.islice(ahead, _WINDOW)}
+    def answers(work: Work, sent: Any, pieces: Sequence[tuple[int, Any]]) -> Generator[_Answer]:
+        there, do, ahead = ray.put(sent), ray.remote(max_retries=_RETRIES)(_do), iter(pieces)
+        waiting = {do.remote(work, there, *piece) for piece in itertools.islice(ahead, _WINDOW)}
         while waiting:
             (ready,), _ = ray.wait(list(waiting), num_returns=1)
             waiting.remove(ready)
-            waiting.update(fly.remote(sent, piece) for piece in itertools.islice(ahead, 1))
+            waiting.update(do.remote(work, there, *piece) for piece in itertools.islice(ahead, 1))
             yield ray.get(ready)
 
     try:
@@ -171,12 +148,12 @@ def _dask(cluster: Cluster) -> Generator[Any]:
     except (OSError, ValueError) as error:
         raise ClusterError(f"--address {cluster.address}: no scheduler of Dask answers there: {one_line(error)}") from None
 
-    def answers(parcel: Parcel, pieces: Sequence[Sequence[int]]) -> Generator[Answer]:
-        (sent,), ahead = client.scatter([parcel], broadcast=True, hash=False), iter(pieces)
+    def answers(work: Work, sent: Any, pieces: Sequence[tuple[int, Any]]) -> Generator[_Answer]:
+        (there,), ahead = client.scatter([sent], broadcast=True, hash=False), iter(pieces)
 
         def submitted(count: int) -> list[Any]:
             chosen = itertools.islice(ahead, count)
-            return [client.submit(_fly, sent, piece, pure=False, retries=_RETRIES) for piece in chosen]
+            return [client.submit(_do, work, there, *piece, pure=False, retries=_RETRIES) for piece in chosen]
 
         ready = distributed.as_completed(submitted(_WINDOW))
         for future in ready:

@@ -34,6 +34,23 @@ class ParcelError(UavbenchError):
 
 
 @dataclass(frozen=True)
+class ScenarioParcel:
+    """A scenario as it is sent; `pack_scenario` makes it.
+
+    Attributes
+    ----------
+    name, digest : str
+        Its id, and the digest that it must have on arrival.
+    files : tuple of (str, bytes)
+        The names and the contents of its files; empty if it comes with uavbench.
+    """
+
+    name: str
+    digest: str
+    files: tuple[tuple[str, bytes], ...]
+
+
+@dataclass(frozen=True)
 class Parcel:
     """An evaluation as it is sent; `pack` makes it.
 
@@ -43,19 +60,47 @@ class Parcel:
         What is flown, with the places of files on the machine that sends it.
     facts : tuple of (str, str)
         What must be the same on arrival, with its value.
-    agent, weights, scenario : tuple of (str, bytes)
-        The names and the contents of files: the agent's own, of which the first is imported; its weights; and those of the
-        scenario. Empty for what the other machine has.
+    agent, weights : tuple of (str, bytes)
+        The names and the contents of files: the agent's own, of which the first is imported, and its weights. Empty for what
+        the other machine has.
+    scenario : ScenarioParcel
     """
 
     job: Job
     facts: tuple[tuple[str, str], ...]
     agent: tuple[tuple[str, bytes], ...]
     weights: tuple[tuple[str, bytes], ...]
-    scenario: tuple[tuple[str, bytes], ...]
+    scenario: ScenarioParcel
 
     def __hash__(self) -> int:
         return hash((self.facts, self.agent, self.weights, self.scenario))
+
+
+def pack_scenario(scenario: Scenario) -> ScenarioParcel:
+    """Return a scenario as it is sent.
+
+    Raises
+    ------
+    ParcelError
+        When it is in no file.
+    """
+    shipped = scenario_paths().get(scenario.id) == scenario.path
+    return ScenarioParcel(scenario.id, scenario.digest, () if shipped else _scenario_files(scenario))
+
+
+@lru_cache(maxsize=4)
+def unpack_scenario(parcel: ScenarioParcel) -> Scenario:
+    """Return the scenario of a parcel, whose files are written to a folder that is there until this process ends.
+
+    Raises
+    ------
+    ParcelError
+        When it is not what was sent.
+    """
+    scenario = load_scenario(_written(parcel.files) / _SCENARIO if parcel.files else parcel.name)
+    if scenario.digest != parcel.digest:
+        raise ParcelError(_other(parcel.name, "scenario_digest", scenario.digest, parcel.digest))
+    return scenario
 
 
 def pack(job: Job) -> Parcel:
@@ -74,11 +119,11 @@ def pack(job: Job) -> Parcel:
     weights = ((source.weights.name, read_bounded(source.weights, MODEL_BYTES)),) if source.weights else ()
     return Parcel(
         # The scenario is left out: the class of a mission of one's own is not known on the other machine.
-        replace(job, scenario=_NONE if scenario.path.suffix else scenario),
+        replace(job, scenario=_NONE),
         tuple(_facts(job).items()),
         () if _is_shipped(source) else _own_files(source.path),
         weights,
-        () if scenario_paths().get(scenario.id) == scenario.path else _scenario_files(scenario),
+        pack_scenario(scenario),
     )
 
 
@@ -91,27 +136,34 @@ def unpack(parcel: Parcel) -> Job:
     ParcelError
         When it is not what was sent.
     """
-    folder = tempfile.TemporaryDirectory(prefix="uavbench-")
-    _FOLDERS.append(folder)
-    root, source = Path(folder.name), parcel.job.source
-    for place, files in (("agent", parcel.agent), ("weights", parcel.weights), ("scenario", parcel.scenario)):
-        for name, content in files:
-            path = root / place / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
     known = dict(parcel.facts)
-    path = root / "agent" / parcel.agent[0][0] if parcel.agent else _shipped(known["agent_file"])
-    weights = root / "weights" / parcel.weights[0][0] if parcel.weights else None
-    source = replace(source, path=path, weights=weights, given_name=known["agent"])
-    scenario = load_scenario(root / "scenario" / _SCENARIO if parcel.scenario else known["scenario"])
-    job = replace(parcel.job, source=source, scenario=scenario)
+    path = _written(parcel.agent) / parcel.agent[0][0] if parcel.agent else _shipped(known["agent_file"])
+    weights = _written(parcel.weights) / parcel.weights[0][0] if parcel.weights else None
+    source = replace(parcel.job.source, path=path, weights=weights, given_name=known["agent"])
+    job = replace(parcel.job, source=source, scenario=unpack_scenario(parcel.scenario))
     for name, value in _facts(job).items():
         if known[name] != value:
-            raise ParcelError(
-                f"{known['agent']} on {known['scenario']}: its {name} is {value} on the machine where it is flown, and "
-                f"{known[name]} where it was sent from: install the same version of uavbench on all machines"
-            )
+            raise ParcelError(_other(f"{known['agent']} on {parcel.scenario.name}", name, value, known[name]))
     return replace(job, agent_sha256=known["agent_sha256"])
+
+
+def _written(files: tuple[tuple[str, bytes], ...]) -> Path:
+    """Return a folder with these files."""
+    folder = tempfile.TemporaryDirectory(prefix="uavbench-")
+    _FOLDERS.append(folder)
+    for name, content in files:
+        path = Path(folder.name) / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    return Path(folder.name)
+
+
+def _other(what: str, name: str, here: str, there: str) -> str:
+    """Say that something is not the same on arrival."""
+    return (
+        f"{what}: its {name} is {here} on the machine where it arrived, and {there} where it was sent from: install the same "
+        "version of uavbench on all machines"
+    )
 
 
 def _facts(job: Job) -> dict[str, str]:
@@ -121,8 +173,6 @@ def _facts(job: Job) -> dict[str, str]:
         "agent": job.source.name,
         "agent_file": job.source.path.name,
         "agent_sha256": job.source.digest(job.scenario),
-        "scenario": job.scenario.id,
-        "scenario_digest": job.scenario.digest,
     }
 
 

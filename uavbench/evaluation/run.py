@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from uavbench.agents.agent import AgentSource
-from uavbench.evaluation.cluster import Cluster, crew_size, evaluate_with
+from uavbench.evaluation.crew import Crew, crew_size, evaluate_with
 from uavbench.evaluation.evaluate import EpisodeRecord, Job
 from uavbench.evaluation.kept import Kept, check_kept, different, read_kept, write_kept
 from uavbench.evaluation.results import Result, ResultError, identity, load_result, publish
@@ -87,7 +87,7 @@ def run(
     episodes: int,
     out: Path,
     *,
-    workers: int | Cluster = 1,
+    workers: Crew = 1,
     resume: bool = False,
     overwrite: bool = False,
     on_start: Callable[[], None] = lambda: None,
@@ -146,7 +146,7 @@ def run_shard(
     shard: Shard,
     out: Path,
     *,
-    workers: int | Cluster = 1,
+    workers: Crew = 1,
     resume: bool = False,
     overwrite: bool = False,
     on_start: Callable[[], None] = lambda: None,
@@ -255,7 +255,7 @@ class _Flying:
         self,
         kept: Kept,
         numbers: Sequence[int],
-        workers: int | Cluster,
+        workers: Crew,
         on_record: Callable[[EpisodeRecord], None],
         write: Callable[[], _Written],
     ) -> _Written:

@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 
 from uavbench.agents.agent import AgentSource
 from uavbench.agents.apart import ApartSource
-from uavbench.evaluation.evaluate import EpisodeRecord, Job, evaluate
+from uavbench.evaluation.crew import Crew, evaluate_with
+from uavbench.evaluation.evaluate import EpisodeRecord, Job
 from uavbench.evaluation.metrics import variance_of_mean
 from uavbench.leaderboard.submission import LARGEST, Submission, SubmissionError, check
 from uavbench.world.cities import city_numbers
@@ -188,7 +189,7 @@ def fly_again(
     submission: Submission,
     source: AgentSource,
     episodes: int,
-    workers: int,
+    workers: Crew,
     decision_timeout: float,
     on_record: Callable[[EpisodeRecord], None],
     fresh: int = 0,
@@ -203,8 +204,8 @@ def fly_again(
         The agent. On the observation track it runs in a process of its own.
     episodes : int
         How many of the submitted episodes the agent flies again.
-    workers : int
-        Processes.
+    workers : int or Cluster
+        Processes, or a cluster.
     decision_timeout : float
         Seconds that one decision may take.
     on_record : callable
@@ -238,7 +239,7 @@ def fly_again(
     secret = secrets.randbits(62) if key is None else key
     flown: list[EpisodeRecord] = []
     try:
-        for record in evaluate(job, range(episodes), workers):
+        for record in evaluate_with(workers, job, range(episodes)):
             actions = submitted[record.episode].actions
             if not np.array_equal(record.actions, actions):
                 first = _first_difference(record, actions)
@@ -249,7 +250,7 @@ def fly_again(
             on_record(record)
         if not fresh:
             return rerun
-        for record in evaluate(replace(job, fresh=secret), range(fresh), workers):
+        for record in evaluate_with(workers, replace(job, fresh=secret), range(fresh)):
             flown.append(record)
             on_record(record)
     except KeyboardInterrupt:
