@@ -258,7 +258,7 @@ RECORDS = {
 def test_crafted_records_of_an_interrupted_run_do_not_become_a_result(change, tmp_path, monkeypatch):
     flying = job("greedy", "Block8-CPP-v0")
     with monkeypatch.context() as patch:
-        patch.setattr("uavbench.evaluation.run.evaluate", interrupted)
+        patch.setattr("uavbench.evaluation.run.evaluate_with", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run(flying, 3, tmp_path)
     path = tmp_path / "Block8-CPP-v0" / "greedy.partial" / "records.npz"
@@ -273,8 +273,8 @@ def test_crafted_records_of_an_interrupted_run_do_not_become_a_result(change, tm
     assert flown == [0, 1, 2]
 
 
-def interrupted(flying, numbers, workers):
-    yield from evaluate(flying, numbers[:2], workers)
+def interrupted(crew, flying, numbers):
+    yield from evaluate(flying, numbers[:2], crew)
     raise KeyboardInterrupt
 
 

@@ -299,7 +299,7 @@ def test_what_was_flown_is_kept_when_it_cannot_be_published(tmp_path, monkeypatc
         run(job(), N, tmp_path)
     monkeypatch.undo()
     flown = []
-    monkeypatch.setattr("uavbench.evaluation.run.evaluate", lambda *_arguments: flown.append(1) or iter(()))
+    monkeypatch.setattr("uavbench.evaluation.run.evaluate_with", lambda *_arguments: flown.append(1) or iter(()))
     assert run(job(), N, tmp_path, resume=True).summary["episodes"] == N
     assert flown == []
 

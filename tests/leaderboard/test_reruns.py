@@ -269,7 +269,7 @@ def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submis
     assert uavbench(*words, "--episodes", 2).exit_code == 0
     good = path.read_text(encoding="utf-8")
     with monkeypatch.context() as patch:
-        patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))
+        patch.setattr("uavbench.leaderboard.reruns.evaluate_with", lambda *job: pytest.fail("it flies"))
         path.write_text(good.rstrip("\n")[:-1] + "x\n", encoding="utf-8")
         told = uavbench(*words)
         assert (told.exit_code, "reruns.csv: damaged in line 3" in told.output) == (1, True), told.output
@@ -279,7 +279,7 @@ def test_a_table_of_reruns_that_cannot_be_kept_is_found_before_the_flight(submis
         assert (told.exit_code, "reruns.csv: is not a plain file" in told.output) == (1, True), told.output
     path.rmdir()
     with monkeypatch.context() as patch:
-        patch.setattr("uavbench.leaderboard.reruns.evaluate", lambda *job: pytest.fail("it flies"))
+        patch.setattr("uavbench.leaderboard.reruns.evaluate_with", lambda *job: pytest.fail("it flies"))
         patch.setattr("uavbench.world.files.tempfile.TemporaryFile", lambda **where: _full())
         told = uavbench(*words)
         assert (told.exit_code, "reruns.csv: No space left" in told.output) == (1, True), told.output
