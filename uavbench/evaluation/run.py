@@ -19,7 +19,8 @@ from uavbench.evaluation.kept import Kept, check_kept, different, read_kept, wri
 from uavbench.evaluation.results import Result, ResultError, identity, load_result, publish
 from uavbench.evaluation.shards import Shard, write_shard
 from uavbench.world.episode import check_split, split_size
-from uavbench.world.files import BusyError, check_writable, held
+from uavbench.world.files import check_writable
+from uavbench.world.locks import BusyError, held
 from uavbench.world.resources import scenario_paths
 from uavbench.world.scenario import load_scenario
 

@@ -32,7 +32,7 @@ def propose(
     ``shape`` is that of the map, (M, N). Changes begin in the first ``horizon`` cells.
 
     Returns ``first``, ``after`` (``length`` + 1 to replace the end too) and ``size`` (−1 for no proposal). The cells ``first``
-    and ``after`` themselves are kept, and cells that would be replaced by the same ones at the begin and the end are left out.
+    and ``after`` themselves are kept. Cells at both ends of the part that would be replaced by the same ones are left out.
     """
     if hovers and pick(cursor, 3) == 0:
         first, after, size = _hover(path, length, longest, horizon, cursor, new)
@@ -175,7 +175,7 @@ def _reverse(
 
 @kernel
 def _without_same(path: NDArray[np.int32], first: int, after: int, size: int, new: NDArray[np.int32]) -> tuple[int, int, int]:
-    """Return a proposal without the cells at its begin and end that remain as they were."""
+    """Return a proposal without the cells at its beginning and end that remain as they were."""
     same = 0
     while same < size and first + 1 < after and new[same] == path[first + 1]:
         same += 1
