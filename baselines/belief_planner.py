@@ -40,9 +40,9 @@ class Flights(Planner):
 
     def __init__(self, scenario):
         super().__init__(scenario)
-        self.searches, self.changes = (2 if self._harvests else 1), 250_000
+        self.searches, self.changes, self.refined = (2 if self._harvests else 1), 250, 0
         if not self._harvests:  # in CPP a flight is improved only when something new is known, but then more
-            self.mending_changes, self.mending_heat = 200_000, 1.0
+            self.mending_changes, self.mending_heat = 60_000, 1.0
 
     def revise(self, believed):
         """Take over new devices, or improve the flight for new targets."""

@@ -9,11 +9,14 @@ import pytest
 from uavbench.agents.agent import find_agent
 from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.leaderboard.submission import load_submission
+from uavbench.world.resources import earlier_digests
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 SCORES = (ROOT / "docs" / "scores.md").read_text(encoding="utf-8")
 SUBMISSIONS = sorted(path.parent for path in (ROOT / "leaderboard" / "submissions").glob("*/*/manifest.toml"))
+OTHERS = {digest for digests in earlier_digests()["other_actions"].values() for digest in digests}
+TODAYS = [path for path in SUBMISSIONS if not OTHERS & set((path / "manifest.toml").read_text(encoding="utf-8").split('"'))]
 
 
 def check_row(result):
@@ -28,14 +31,15 @@ def check_row(result):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("folder", SUBMISSIONS, ids=lambda folder: f"{folder.parent.name}-{folder.name}")
+@pytest.mark.parametrize("folder", TODAYS, ids=lambda folder: f"{folder.parent.name}-{folder.name}")
 def test_official_flights_are_flown_again(folder):
     """Flying all episodes again takes hours: some of them are. All are replayed when the leaderboard is built."""
     submission = load_submission(folder)
     agent, scenario = find_agent(submission.manifest.name), submission.scenario
     actions, cral = submission.result.actions(), submission.result.episodes()["cral"]
     last = len(actions) - 1
-    for record in evaluate(Job(agent, scenario, "test"), [0, (last + 1) // 2, last]):
+    is_large = scenario.shape[0] > 64  # where some agents take a minute for an episode
+    for record in evaluate(Job(agent, scenario, "test"), [last] if is_large else [0, (last + 1) // 2, last]):
         if scenario.mission.exact:
             assert np.array_equal(record.actions, actions[record.episode])
         else:  # the last digit of another platform's logarithm may turn a choice

@@ -30,6 +30,7 @@ def test_is_asked_by_the_observation_alone():
         SOURCE.load()(load_scenario("Manhattan32-CPP-Team-v0"))
 
 
+@pytest.mark.slow
 def test_what_is_said_of_the_episode_changes_nothing():
     """Its number and its split would tell everything."""
     scenario = load_scenario("Block8-CPP-v0")

@@ -48,6 +48,7 @@ def test_it_always_lands_and_beats_random_by_a_wide_margin(name):
     assert (gains > 0).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_it_keeps_its_level():
     """A tour that is longer than need be, or lanes too close or too far apart, fall below."""
     assert np.mean([record.cral for record in fly("Urban50-CPP-v0", "boustrophedon", range(40)).values()]) > 0.85
@@ -142,7 +143,7 @@ def test_what_is_seen_is_counted():
         assert not sight.counts.any()
 
 
-@pytest.mark.parametrize("side", [64, 160])
+@pytest.mark.parametrize("side", [pytest.param(64, marks=pytest.mark.slow), 160])
 def test_flies_in_large_cities(side):
     """In the larger one there are more zones than are all ordered, and more than the budget suffices for."""
     like = load_scenario("Cities32-CPP-v0")

@@ -72,7 +72,7 @@ def test_learns_what_the_teacher_does(tmp_path):
     assert max(point["cral"] for point in curve) > 0.6
 
 
-@pytest.mark.parametrize("scenario", [CPP, TEAM, DH], ids=["CPP", "team", "DH"])
+@pytest.mark.parametrize("scenario", [CPP, pytest.param(TEAM, marks=pytest.mark.slow), DH], ids=["CPP", "team", "DH"])
 def test_a_training_that_goes_on_from_a_snapshot_ends_in_the_same_weights(scenario):
     check_resumes(lambda seed=0: IMITATION.Learner(scenario, TINY, seed), 12)
 

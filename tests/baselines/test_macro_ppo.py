@@ -109,7 +109,8 @@ def test_only_safe_moves_are_flown_in_training(kind):
     assert all(np.isfinite(value) for value in found.values())
 
 
-@pytest.mark.parametrize("kind", ["cells", pytest.param("directions", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["cells", "directions"])
 def test_learns_to_cover(kind, tmp_path):
     config = replace(TINY, kind=kind, updates=40, num_envs=32, steps=32, minibatch=128, validation=20)
     kept = train(training(config), tmp_path)

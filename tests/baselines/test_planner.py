@@ -52,7 +52,8 @@ def test_teams_always_land_and_beat_greedy(mission):
     assert np.mean(better) > 0.0
 
 
-@pytest.mark.parametrize("uavs", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("uavs", [1, 2])
 @pytest.mark.parametrize("mission", ["CPP", "DH"])
 def test_flies_on_large_maps(mission, uavs):
     """Where distances are known in windows only: better than greedy, and the same again."""

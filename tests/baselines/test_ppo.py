@@ -95,6 +95,7 @@ def test_only_safe_actions_are_taken_in_training(scenario):
     assert all(np.isfinite(value) for value in found.values())
 
 
+@pytest.mark.slow
 def test_learns_to_cover(tmp_path):
     config = replace(TINY, updates=40, num_envs=32, steps=32, minibatch=256, validation=20, random_start_fraction=0.0)
     kept = train(training(config), tmp_path)

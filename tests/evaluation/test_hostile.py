@@ -254,20 +254,37 @@ RECORDS = {
 }
 
 
-@pytest.mark.parametrize("change", RECORDS)
-def test_crafted_records_of_an_interrupted_run_do_not_become_a_result(change, tmp_path, monkeypatch):
-    flying = job("greedy", "Block8-CPP-v0")
-    with monkeypatch.context() as patch:
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    """The records of a run that was interrupted."""
+    out = tmp_path_factory.mktemp("interrupted")
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("uavbench.evaluation.run.evaluate_with", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            run(flying, 3, tmp_path)
-    path = tmp_path / "Block8-CPP-v0" / "greedy.partial" / "records.npz"
-    kept = path.read_bytes()
+            run(job("greedy", "Block8-CPP-v0"), 3, out)
+    return (out / "Block8-CPP-v0" / "greedy.partial" / "records.npz").read_bytes()
+
+
+@pytest.fixture
+def path(tmp_path, records):
+    """The file of these records, in a folder of its own."""
+    file = tmp_path / "Block8-CPP-v0" / "greedy.partial" / "records.npz"
+    file.parent.mkdir(parents=True)
+    file.write_bytes(records)
+    return file
+
+
+@pytest.mark.parametrize("change", RECORDS)
+def test_crafted_records_of_an_interrupted_run_do_not_become_a_result(change, tmp_path, path):
     path.write_bytes(pack_arrays(RECORDS[change](unpack_arrays(path.read_bytes()))))
     with pytest.raises(ResultError, match=r"records\.npz: damaged .* delete its folder") as caught:
-        run(flying, 3, tmp_path, resume=True)
+        run(job("greedy", "Block8-CPP-v0"), 3, tmp_path, resume=True)
     assert "\n" not in str(caught.value)
-    path.write_bytes(kept)
+
+
+@pytest.mark.usefixtures("path")
+def test_records_of_an_interrupted_run_that_nobody_changed_become_a_result(tmp_path):
+    flying = job("greedy", "Block8-CPP-v0")
     flown: list[int] = []
     assert replay(run(flying, 3, tmp_path, resume=True, on_record=lambda record: flown.append(record.episode))) == []
     assert flown == [0, 1, 2]

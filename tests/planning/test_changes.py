@@ -8,9 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from worlds import COVERAGE, maps, scenario
 
+from uavbench import load_scenario
 from uavbench.planning.changes import propose
+from uavbench.planning.coverage import search
 from uavbench.planning.distances import distances_of
 from uavbench.planning.flights import landing_numbers, pack
+from uavbench.simulation.simulator import Simulator
 from uavbench.world.city import city_of
 
 
@@ -33,6 +36,7 @@ def test_changed_flights_move_from_neighbour_to_neighbour_and_land_in_time(hover
         if size < 0:
             continue
         old = path[first + 1 : after].tolist()
+        assert old != new[:size].tolist()
         flight = [*path[: first + 1].tolist(), *new[:size].tolist(), *path[after : length + 1].tolist()]
         assert len(flight) - 1 <= longest
         assert flight[0] == path[0]
@@ -45,3 +49,23 @@ def test_changed_flights_move_from_neighbour_to_neighbour_and_land_in_time(hover
             assert old[0] != new[0]
             assert old[-1] != new[size - 1]
         path[: len(flight)], length = flight, len(flight) - 1
+
+
+@pytest.mark.parametrize("name", ["Manhattan32-CPP-v0", "Urban50-CPP-v0"])
+def test_a_flight_that_uses_its_budget_can_nearly_always_be_changed(name):
+    """A search that is only told that a change is impossible learns nothing."""
+    world = load_scenario(name)
+    city = city_of(world)
+    simulator = Simulator(world, 1)
+    simulator.reset([0], "validation", [0])
+    start, budget = tuple(simulator.state.position[0, 0].tolist()), int(simulator.state.budget[0, 0])
+    target = simulator.state.target[0]
+    plan = search(world, target, [start], [budget], seed=1, moves=20_000)
+    cursor = np.array([1], dtype=np.uint64)
+    paths, lengths = pack(city, [start], [budget], plan.flights, cursor)
+    assert lengths[0] >= budget - 3
+    aims = np.flatnonzero(target > 0)
+    served, new = np.zeros(len(aims), dtype=np.int32), np.empty(40_000, dtype=np.int32)
+    fixed = distances_of(city), city.shape, landing_numbers(city), aims, served, False, int(lengths[0]) + 1, cursor, new
+    sizes = [propose(paths[0], int(lengths[0]), budget - 1, *fixed)[2] for _ in range(2000)]
+    assert np.mean(np.array(sizes) >= 0) > 0.9

@@ -31,7 +31,7 @@ def collected(path, rates, data, cols):
     return got, left
 
 
-@pytest.mark.parametrize("edge_snr", [-30.0, -10.0])
+@pytest.mark.parametrize("edge_snr", [pytest.param(-30.0, marks=pytest.mark.slow), -10.0])
 def test_a_change_gains_what_flying_again_gains(edge_snr):
     urban = load_scenario("Urban50-DH-v0")
     world = scenario(urban.rows, {**HARVESTING, "edge_snr": edge_snr, "devices": (1, 12)})

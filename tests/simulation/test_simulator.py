@@ -102,7 +102,15 @@ def test_harvesting_agrees_with_the_oracle(data, rows, sizes, noisy, number, act
             break
 
 
-@pytest.mark.parametrize("name", ["Manhattan32-CPP-v0", "Urban50-CPP-v0", "Manhattan32-DH-v0", "Urban50-DH-v0"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Manhattan32-CPP-v0",
+        "Manhattan32-DH-v0",
+        pytest.param("Urban50-CPP-v0", marks=pytest.mark.slow),
+        pytest.param("Urban50-DH-v0", marks=pytest.mark.slow),
+    ],
+)
 def test_shipped_scenarios_agree_with_the_oracle(name):
     env = UAVEnv(name)
     generator = np.random.default_rng(3)

@@ -109,7 +109,14 @@ def test_harvesting_agrees_with_the_oracle(data, rows, sizes, number, noisy, epi
     check_flight(env, uavs, *first, actions, exact=False)
 
 
-@pytest.mark.parametrize("name", [name for name in uavbench.list_scenarios() if "Team" in name])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name.startswith("Urban50") else name
+        for name in uavbench.list_scenarios()
+        if "Team" in name
+    ],
+)
 def test_shipped_scenarios_agree_with_the_oracle(name):
     env = uavbench.parallel_env(name)
     coverage = env.scenario.mission.kind == "coverage"

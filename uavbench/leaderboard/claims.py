@@ -31,7 +31,8 @@ def _digests(manifest: Manifest, scenario: Scenario) -> set[str]:
     plain = hashlib.sha256(source.path.read_bytes()).hexdigest()
     if weights:
         plain = hashlib.sha256((plain + hashlib.sha256(weights.read_bytes()).hexdigest()).encode()).hexdigest()
-    return {source.digest(scenario), plain, *resources.earlier_digests().get(manifest.name, ())}
+    earlier = (digest for agents in resources.earlier_digests().values() for digest in agents.get(manifest.name, ()))
+    return {source.digest(scenario), plain, *earlier}
 
 
 @lru_cache

@@ -4,9 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.planning.distances import Distances, moves
-from uavbench.planning.paths import pick, skip_walk, walk
+from uavbench.planning.paths import pick, walk
 from uavbench.world.kernel import kernel
 
+_DRAWS = 12  # of changes, until one is possible
+_CELLS = 4  # draws of a cell to fly over, until it is near enough
 _REACH = 7  # rows or columns to the farthest cell to fly over
 
 
@@ -33,21 +35,28 @@ def propose(
 
     Returns ``first``, ``after`` (``length`` + 1 to replace the end too) and ``size`` (−1 for no proposal). The cells ``first``
     and ``after`` themselves are kept. Cells at both ends of the part that would be replaced by the same ones are left out.
+
+    Most changes of a flight that uses its budget make it too long, so changes are drawn until one is possible: it takes far
+    less time to draw one than to find out what a flight is worth.
     """
-    if hovers and pick(cursor, 3) == 0:
-        first, after, size = _hover(path, length, longest, horizon, cursor, new)
-        return _without_same(path, first, after, size, new)
-    kind = pick(cursor, 100)
-    span = pick(cursor, 9)
-    if kind >= 54:
-        span = pick(cursor, 25 if kind < 85 else 61)
-    first = pick(cursor, min(horizon, length + 1))
-    after = first + 1 + span
-    if kind >= 94 and after <= length:  # fly a part of the flight in the reverse direction
-        size = _reverse(path, length, longest, distance, shape[1], first, after, cursor, new)
-    else:
-        first, after, size = _replace(path, length, longest, distance, shape, landing, aims, served, first, after, cursor, new)
-    return _without_same(path, first, after, size, new)
+    for _ in range(_DRAWS):
+        if hovers and pick(cursor, 3) == 0:
+            first, after, size = _hover(path, length, longest, horizon, cursor, new)
+        else:
+            kind = pick(cursor, 100)
+            first = pick(cursor, min(horizon, length + 1))
+            after = first + 1 + pick(cursor, 9 if kind < 54 else (25 if kind < 85 else 61))
+            if kind >= 94 and after <= length:
+                size = _reverse(path, length, longest, distance, shape[1], first, after, cursor, new)
+            else:
+                first, after, size = _replace(
+                    path, length, longest, distance, shape, landing, aims, served, first, after, cursor, new
+                )
+        if size >= 0:
+            first, after, size = _without_same(path, first, after, size, new)
+            if size > 0 or after > first + 1:
+                return first, after, size
+    return 0, 0, -1
 
 
 @kernel
@@ -65,72 +74,69 @@ def _replace(
     cursor: NDArray[np.uint64],
     new: NDArray[np.int32],
 ) -> tuple[int, int, int]:
-    """Propose to fly from cell ``first`` to cell ``after``, or to a landing cell at the end, over up to two other cells.
-
-    It takes the same random numbers whether or not the change would be too long.
-    """
+    """Propose to fly from cell ``first`` to cell ``after``, or to a landing cell at the end, over up to two other cells."""
     cols, start = shape[1], int(path[first])
     reaches_end = after > length
+    after = min(after, length + 1)
     there = int(path[min(after, length)])
     if reaches_end and pick(cursor, 2):
         there = int(landing[pick(cursor, len(landing))])
     ways = pick(cursor, 100)
     stops = 0 if ways < 20 else (1 if ways < 75 else 2)
-    middle, after = int(path[min(length, first + (after - first) // 2)]), min(after, length + 1)
-    straight = pick(cursor, 2) == 0
-    rest = first if reaches_end else first + length - after
-    # First it finds out how long the change is, and only then, if it is not too long, its cells.
+    room = longest - (first if reaches_end else first + length - after)  # moves that the new part may have
+    around = int(path[min(length, first + (after - first) // 2)])
+    reach = min(_REACH, 1 + (after - first + longest - length) // 2)
+    if stops > 0 and len(aims) > 0 and pick(cursor, 5) == 0:
+        around, reach = _aim(aims, served, around, reach, cursor)
     once = twice = start
-    begin = then = cursor[0]
-    away = 0
     if stops > 0:
-        around, reach = middle, _REACH
-        if pick(cursor, 5) == 0 and len(aims) > 0:
-            around, reach = _aim(aims, served, around, reach, cursor)
-        once = twice = _cell_around(around, reach, shape, cursor)
-        away = moves(distance, cols, start, once) if once >= 0 else -1
-        if away < 0:
-            return 0, 0, -1
-        begin = cursor[0]
-        skip_walk(away, straight, cursor)
-        rest += away
-    if stops > 1:
-        twice = _cell_around(once, _REACH, shape, cursor)
-        away = moves(distance, cols, once, twice) if twice >= 0 else -1
-        if away < 0:
-            return 0, 0, -1
-        then = cursor[0]
-        skip_walk(away, straight, cursor)
-        rest += away
-    away = moves(distance, cols, twice, there)
-    if away < 0:
+        once = twice = _stop(start, there, around, reach, room, distance, shape, cursor)
+    if stops > 1 and once >= 0:
+        flown = moves(distance, cols, start, once)
+        twice = _stop(once, there, once, reach, room - flown, distance, shape, cursor)
+    if once < 0 or twice < 0:
         return 0, 0, -1
-    last = cursor[0]
-    skip_walk(away, straight, cursor)
-    if rest + away > longest:
-        return 0, 0, -1
-    end, size = cursor[0], 0
+    if stops == 0:
+        away = moves(distance, cols, start, there)
+        if away < 0 or away > room:
+            return 0, 0, -1
+    straight = pick(cursor, 2) == 0
+    size = 0
     if stops > 0:
-        cursor[0] = begin
         size = walk(distance, cols, start, once, straight, cursor, new, size)
     if stops > 1:
-        cursor[0] = then
         size = walk(distance, cols, once, twice, straight, cursor, new, size)
-    cursor[0] = last
     size = walk(distance, cols, twice, there, straight, cursor, new, size)
-    cursor[0] = end
     if reaches_end:
         return first, after, size
     return (first, after, size - 1) if size > 0 else (first, after + 1, 0)  # a loop is cut out, with its last cell
 
 
 @kernel
-def _cell_around(middle: int, reach: int, shape: tuple[int, int], cursor: NDArray[np.uint64]) -> int:
-    """Draw a cell at most ``reach`` rows and columns away from another one; −1 if it is outside the map."""
+def _stop(
+    here: int,
+    there: int,
+    around: int,
+    reach: int,
+    room: int,
+    distance: Distances,
+    shape: tuple[int, int],
+    cursor: NDArray[np.uint64],
+) -> int:
+    """Draw a cell near ``around`` over which at most ``room`` moves lead from ``here`` to ``there``; −1 if none is found."""
     rows, cols = shape
-    r = middle // cols + pick(cursor, 2 * reach + 1) - reach
-    c = middle % cols + pick(cursor, 2 * reach + 1) - reach
-    return r * cols + c if 0 <= r < rows and 0 <= c < cols else -1
+    r0, r1, y, x = here // cols, there // cols, around // cols - reach, around % cols - reach
+    c0, c1 = here - r0 * cols, there - r1 * cols
+    for _ in range(_CELLS):
+        r = y + pick(cursor, 2 * reach + 1)
+        c = x + pick(cursor, 2 * reach + 1)
+        if not (0 <= r < rows and 0 <= c < cols) or abs(r - r0) + abs(c - c0) + abs(r - r1) + abs(c - c1) > room:
+            continue  # too far even without obstacles, which is found out faster than a distance is looked up
+        cell = r * cols + c
+        to, onward = moves(distance, cols, here, cell), moves(distance, cols, cell, there)
+        if to >= 0 and onward >= 0 and to + onward <= room:
+            return cell
+    return -1
 
 
 @kernel
@@ -141,7 +147,7 @@ def _aim(
     for _ in range(8):
         k = pick(cursor, len(aims))
         if served[k] == 0:
-            return aims[k], 2
+            return int(aims[k]), 2
     return around, reach
 
 
@@ -157,14 +163,12 @@ def _reverse(
     cursor: NDArray[np.uint64],
     new: NDArray[np.int32],
 ) -> int:
-    """Propose to fly the cells between ``first`` and ``after`` in the reverse direction; return the size."""
+    """Propose to fly the cells between ``first`` and ``after`` in the reverse direction; return the size, or −1."""
     if after - first < 3:
         return -1
     begin = moves(distance, cols, path[first], path[after - 1])
     end = moves(distance, cols, path[first + 1], path[after])
     if begin < 0 or end < 0 or length - 2 + begin + end > longest:
-        skip_walk(begin, True, cursor)
-        skip_walk(end, True, cursor)
         return -1
     size = walk(distance, cols, path[first], path[after - 1], True, cursor, new, 0)
     for k in range(after - 2, first, -1):

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from uavbench.planning.distances import Distances, distances_to
 from uavbench.world.kernel import kernel
-from uavbench.world.keyed import next_integer, skip
+from uavbench.world.keyed import next_integer
 
 
 @kernel
@@ -32,12 +32,6 @@ def walk(
     """
     to, wide, at = distances_to(distance, cols, here, there)
     return follow(to, wide, at, cols, here, straight, cursor, out, length)
-
-
-@kernel
-def skip_walk(count: int, straight: bool, cursor: NDArray[np.uint64]) -> None:
-    """Take as many random numbers as `walk` takes for ``count`` moves."""
-    skip(cursor, 1 if straight else 1 + count)
 
 
 @kernel

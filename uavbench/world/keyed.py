@@ -46,12 +46,6 @@ def next_bits(cursor: NDArray[np.uint64]) -> np.uint64:
 
 
 @kernel
-def skip(cursor: NDArray[np.uint64], count: int) -> None:
-    """Advance the stream whose state is ``cursor[0]`` by ``count`` elements."""
-    cursor[0] += np.uint64(count) * _GOLDEN
-
-
-@kernel
 def next_integer(cursor: NDArray[np.uint64], count: int) -> int:
     """Return an integer uniform in 0, …, ``count`` − 1 (its bias is below ``count`` / 2³²)."""
     return int(((next_bits(cursor) >> _32) * np.uint64(count)) >> _32)

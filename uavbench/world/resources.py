@@ -31,8 +31,8 @@ def baseline_paths() -> dict[str, Path]:
 
 
 @lru_cache
-def earlier_digests() -> dict[str, list[str]]:
-    """Return, by agent, the digests of earlier versions of the built-in agents that take the same actions as now."""
+def earlier_digests() -> dict[str, dict[str, list[str]]]:
+    """Return the digests of earlier versions of the built-in agents: by ``same_actions`` or ``other_actions``, and by agent."""
     return tomllib.loads((_folder("baselines") / "earlier.toml").read_text(encoding="utf-8"))
 
 
