@@ -65,8 +65,8 @@ class Config:
     batch: int = 256
     buffer_size: int = 500_000
     learning_starts: int = 5_000
-    first: int = 100_000
-    mending: int = 2_000
+    first: int = 30_000
+    mending: int = 800
     softness: float = 1.0
     taught: float = 1.0
     curious: float = 0.1

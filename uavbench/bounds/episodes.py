@@ -21,7 +21,7 @@ from uavbench.planning import coverage
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.scenario import Scenario, ScenarioError
 
-_PLAN_CHANGES = 500_000  # that the search for a plan tries, if no result has a flight that lands
+_PLAN_CHANGES = 100_000  # that the search for a plan tries, if no result has a flight that lands
 
 Cell = tuple[int, int]
 
