@@ -116,7 +116,7 @@ def lines_of_code(node: ast.FunctionDef) -> int:
 #: What has more arguments than eight, and why.
 LONG_SIGNATURES = {
     "cli/cities.py:import_city": "the options of the command",
-    "cli/app.py:evaluate": "the options of the command",
+    "cli/evaluation.py:evaluate": "the options of the command",
     "cli/leaderboard.py:rerun": "the options of the command",
     "cli/flight.py:fly": "the options of the command",
     "cli/flight.py:mission": "the options of the command",

@@ -12,11 +12,11 @@ from uavbench.planning import coverage, harvesting
 from uavbench.simulation.state_view import StateView
 
 
-def fly(name, world, seed=1, changes=100_000, **options):
+def fly(name, world, seed=1, changes=100, **options):
     """Fly an episode with a built-in that plans for teams; return the last info and the actions."""
     env = world if isinstance(world, UAVParallelEnv) else UAVParallelEnv(world)
     agent = find_agent(name).make(env.scenario)
-    agent.changes, agent.searches, agent.mending_changes = changes, 1, 300
+    agent.changes, agent.searches, agent.refined, agent.mending_changes = changes, 1, 0, 300
     observations, infos = env.reset(seed=0, options=options)
     flown = []
     told = {k: {"seed": seed, "uav": k, "state": StateView(env.simulator, 0, k)} for k in range(len(env.agents))}
@@ -38,7 +38,7 @@ def test_always_lands_and_beats_greedy(name):
         theirs, _ = fly("greedy", world, split="validation", episode=number)
         assert ours["landed"]
         better.append(ours["cral"] - theirs["cral"])
-    assert np.mean(better) > 0.01  # with a thirtieth of the default effort
+    assert np.mean(better) > 0.01  # with a thirtieth of the default effort or less
 
 
 @pytest.mark.parametrize("mission", ["CPP", "DH"])
@@ -107,14 +107,17 @@ def test_searches_while_there_is_more_to_get(mission, all_can_be_had, monkeypatc
         options["targets"] = np.ones((5, 5), bool)
     env = UAVParallelEnv(world)
     agent = find_agent("planner").make(world)
-    agent.changes, agent.searches, agent.mending_changes = 2_000, 4, 300
+    agent.changes, agent.searches, agent.mending_changes = 100, 4, 300
     observations, _ = env.reset(seed=0, options=options)
     info = {"seed": 7, "uav": 0, "state": StateView(env.simulator, 0, 0)}
     agent.reset(info)
     for _ in range(2):
         (name,) = observations
         observations, *_ = env.step({name: agent.act_team([observations[name]], [info])[0]})
-    planned = [(seed, 2_000) for seed in ([7] if all_can_be_had else [7, 8, 9, 10])]
+    effort = 100 * options["budget"]
+    planned = [(seed, effort) for seed in ([7] if all_can_be_had else [7, 8, 9, 10])]
+    if mission is COVERAGE and not all_can_be_had:
+        planned += [(11, 2 * effort), (12, 2 * effort)]  # the two best plans are improved
     mended = [] if all_can_be_had or mission is COVERAGE else [(7, 300)]
     assert searches == planned + mended
 
