@@ -36,8 +36,7 @@ def propose(
     Returns ``first``, ``after`` (``length`` + 1 to replace the end too) and ``size`` (−1 for no proposal). The cells ``first``
     and ``after`` themselves are kept. Cells at both ends of the part that would be replaced by the same ones are left out.
 
-    Most changes of a flight that uses its budget make it too long, so changes are drawn until one is possible: it takes far
-    less time to draw one than to find out what a flight is worth.
+    Most changes of a flight that uses its budget make it too long, so changes are drawn until one is possible, up to 12 times.
     """
     for _ in range(_DRAWS):
         if hovers and pick(cursor, 3) == 0:
