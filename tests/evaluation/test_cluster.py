@@ -1,8 +1,10 @@
 """Clusters of Ray and Dask, which the tests start, give the bytes of an evaluation in one process, even if a part is killed."""
 
+import contextlib
 import os
 import shutil
 import signal
+import socket
 from pathlib import Path
 
 import pytest
@@ -57,7 +59,7 @@ def ray_cluster(monkeypatch):
 def dask_cluster():
     """A cluster of Dask with two worker processes, and a function that kills the second."""
     distributed = pytest.importorskip("distributed", reason="needs the extra: pip install -e '.[dask]'")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0") as cluster:
         yield Cluster("dask", cluster.scheduler_address), lambda: os.kill(cluster.workers[1].pid, signal.SIGKILL)
 
 
@@ -131,7 +133,18 @@ def test_a_cluster_that_is_not_there_is_refused(agent, monkeypatch):
         list(evaluate_with(Cluster("dask", "tcp://127.0.0.1:9"), agent(), range(3)))
 
 
-def test_the_command_starts_a_cluster_of_its_own(tmp_path, monkeypatch):
+@pytest.fixture
+def taken_port():
+    """Listen on the port that Dask's dashboard has by default, as another cluster on this machine would."""
+    with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):  # Another cluster on this machine listens there already.
+            other.bind(("", 8787))
+            other.listen()
+        yield
+
+
+def test_the_command_starts_a_cluster_of_its_own(tmp_path, monkeypatch, taken_port):
     pytest.importorskip("distributed", reason="needs the extra: pip install -e '.[dask]'")
     from typer.testing import CliRunner
 

@@ -142,7 +142,7 @@ def _dask(cluster: Cluster) -> Generator[Any]:
     import distributed as engine
 
     distributed: Any = engine
-    own: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": None}
+    own: dict[str, Any] = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}  # 0: any free port
     try:
         client = distributed.Client(cluster.address, timeout=_SECONDS) if cluster.address else distributed.Client(**own)
     except (OSError, ValueError) as error:
