@@ -111,8 +111,8 @@ class Learner(ppo.Learner):
             raise ValueError(f"macro-actions are for one UAV; {scenario.id} is for teams")
         self._kind = MacroKind(config.kind, scenario.observation.local_size)
         super().__init__(scenario, config, seed)
-        self._steps = ppo.Steps(config.steps, config.num_envs, 1, self._observation, self._kind.number)
-        self._steps["discount"] = np.zeros((config.steps, config.num_envs), dtype=np.float32)
+        self._steps = ppo.Steps(config.steps, self._envs, 1, self._observation, self._kind.number)
+        self._steps["discount"] = np.zeros((config.steps, self._envs), dtype=np.float32)
 
     def _network(self):
         """Return a new network."""
@@ -121,7 +121,7 @@ class Learner(ppo.Learner):
     def _collect(self, symmetry, random):
         """Fly all environments, and note every decision; return the values of the states after the last step."""
         simulator, steps, state = self._simulator, self._steps, self._simulator.state
-        every = np.arange(self.config.num_envs)
+        every = np.arange(self._envs)
         flights = [None] * len(every)
         began = np.zeros_like(every)  # the step in which the slot's macro-action began
         factors = np.ones(len(every), dtype=np.float32)  # what the reward of its next move counts

@@ -26,10 +26,14 @@ from torch.nn.functional import relu
 from uavbench.agents.symmetries import IDENTITY, symmetries_of
 from uavbench.agents.torch_state import arrays_of, moved, pack, tensor, tensors, unpack, unpack_network
 from uavbench.agents.weights import training_record, weights_for, weights_path
+from uavbench.learning.group import group
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator
 from uavbench.world.city import NUM_ACTIONS
 from uavbench.world.episode import train_numbers
+
+#: Each process of a training has so many train episodes of its own.
+_EPISODES = 2**30
 
 
 @dataclass(frozen=True)
@@ -215,6 +219,18 @@ def precision(half):
     return torch.autocast(torch.get_default_device().type, dtype=torch.bfloat16, enabled=half)
 
 
+class Evaluation(nn.Module):
+    """`Network.evaluate` as a module of its own, as PyTorch wants it for averaging gradients over processes."""
+
+    def __init__(self, network):
+        super().__init__()
+        self.network = network
+
+    def forward(self, observation, symmetry, team):
+        """Return logits and values."""
+        return self.network.evaluate(observation, symmetry, team)
+
+
 class Steps(dict):
     """What was seen and done in an update: arrays by name, (T, B, U, …), of which only those count where a UAV flies."""
 
@@ -232,27 +248,36 @@ class Steps(dict):
 class Learner:
     """A training: environments and a network. `advance` collects steps in all environments, and learns from them.
 
-    All random numbers depend only on the seed and on stored counters, so an interrupted training continues unchanged.
+    All random numbers depend only on the seed, on stored counters, and on the number of the process, so an interrupted training
+    continues unchanged. Several processes share the environments and each minibatch.
 
     Parameters
     ----------
     scenario, config, seed : Scenario, Config, int
     """
 
+    parallel = True
+
     def __init__(self, scenario, config, seed):
-        self.scenario, self.config, self.seed = scenario, config, seed
+        self.scenario, self.config, self.seed, self._group = scenario, config, seed, group()
+        if config.num_envs % self._group.size:
+            raise ValueError(
+                f"num_envs: {config.num_envs} environments cannot be shared evenly by {self._group.size} processes"
+            )
+        self._envs = config.num_envs // self._group.size
         torch.manual_seed(seed)
         with torch.device("cpu"):  # the first weights are the same on every device
             network = self._network()
         self.network, self._uavs = moved(network), scenario.max_uavs
+        self._together = self._group.together(Evaluation(self.network))
         self._optimizer = torch.optim.Adam(self.network.parameters(), lr=config.learning_rate, eps=1e-5, fused=True)
-        self._simulator, self._observer = Simulator(scenario, config.num_envs), Observer(scenario)
-        self._observation = self._observer.empty(config.num_envs * self._uavs)
-        self._steps = Steps(config.steps, config.num_envs, self._uavs, self._observation)
-        self._team = torch.arange(config.num_envs).repeat_interleave(self._uavs)
+        self._simulator, self._observer = Simulator(scenario, self._envs), Observer(scenario)
+        self._observation = self._observer.empty(self._envs * self._uavs)
+        self._steps = Steps(config.steps, self._envs, self._uavs, self._observation)
+        self._team = torch.arange(self._envs).repeat_interleave(self._uavs)
         self._half = config.half and can_halve()
-        self.updates = self._started = 0
-        self._begin(np.arange(config.num_envs))
+        self.updates, self._started = 0, self._group.rank * _EPISODES
+        self._begin(np.arange(self._envs))
 
     def _network(self):
         """Return a new network."""
@@ -269,13 +294,14 @@ class Learner:
 
     def advance(self):
         """Collect steps and learn from them; return the values to plot."""
-        config, random = self.config, np.random.default_rng((self.seed, self.updates))
+        config, own = self.config, (2, self._group.rank) if self._group.rank else ()
+        random = np.random.default_rng((self.seed, self.updates, *own))
         symmetries = self.network.symmetries
         symmetry = symmetries[random.integers(len(symmetries)) if config.symmetries else 0]
         onward = self._collect(symmetry, random)
         returns = self._returns(onward)
-        for group in self._optimizer.param_groups:
-            group["lr"] = self._between("learning_rate")
+        for each in self._optimizer.param_groups:
+            each["lr"] = self._between("learning_rate")
         found = self._learn(symmetry, returns, random)
         self.updates += 1
         return found
@@ -295,8 +321,9 @@ class Learner:
 
     def _evaluate(self, observation, mask, symmetry, team):
         """Return logarithmic probabilities of the actions, −∞ where the mask forbids them, and values."""
+        network = self._together if torch.is_grad_enabled() else self.network.evaluate
         with precision(self._half):
-            logits, values = self.network.evaluate(observation, symmetry, team)
+            logits, values = network(observation, symmetry, team)
         return torch.log_softmax(logits.float().masked_fill(~mask, -math.inf), dim=1), values.float()
 
     def _collect(self, symmetry, random):
@@ -348,17 +375,19 @@ class Learner:
         advantages = (advantages - advantages[flies].mean()) / (advantages[flies].std() + 1e-8)
         flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in steps.items()}
         flat |= {"advantage": advantages.astype(np.float32), "return": returns.reshape(-1)}
-        size, sums, count = max(1, config.minibatch // self._uavs), np.zeros(4), 0
+        size, sums, means, count = max(1, config.minibatch // self._uavs // self._group.size), np.zeros(4), np.zeros(4), 0
+        number = self._group.least(len(groups))  # all processes make the same number of gradient steps
         for _ in range(config.epochs):
-            order = random.permutation(groups)
+            order = random.permutation(groups)[:number]
             for k in range(0, len(order), size):
                 chosen = (order[k : k + size, None] * self._uavs + np.arange(self._uavs)).reshape(-1)
                 chosen = chosen[flies[chosen]]
                 sums += self._step({name: values[chosen] for name, values in flat.items()}, chosen // self._uavs, symmetry)
                 count += 1
-            if sums[3] / count > config.divergence:
+            means = self._group.mean(sums / count)
+            if means[3] > config.divergence:
                 break
-        return dict(zip(("policy loss", "value error", "entropy", "divergence"), (sums / count).tolist(), strict=True))
+        return dict(zip(("policy loss", "value error", "entropy", "divergence"), means.tolist(), strict=True))
 
     def _step(self, part, team, symmetry):
         """Make one gradient step; return the loss of the policy, the error of the value, entropy and divergence."""
@@ -388,16 +417,26 @@ class Learner:
 
     def snapshot(self):
         """Return everything that changes, as arrays by name."""
+        own = {f"simulator.{name}": array for name, array in self._simulator.snapshot().items()}
+        own["counters"] = np.array([self.updates, self._started])
         arrays = pack({"network": self.network}, self._optimizer)
-        arrays |= {f"simulator.{name}": array for name, array in self._simulator.snapshot().items()}
-        return {**arrays, "counters": np.array([self.updates, self._started])}
+        for rank, part in enumerate(self._group.gathered(own)):
+            arrays |= {f"{_prefix(rank)}{name}": array for name, array in part.items()}
+        return arrays
 
     def resume(self, arrays):
-        """Continue from a `snapshot` of a learner of the same scenario, configuration and seed."""
+        """Continue from a `snapshot` of a learner of the same scenario, configuration and seed, and as many processes."""
         unpack(arrays, {"network": self.network}, self._optimizer)
-        simulator = {name.removeprefix("simulator."): array for name, array in arrays.items() if name.startswith("simulator.")}
+        prefix = _prefix(self._group.rank)
+        own = {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
+        simulator = {name.removeprefix("simulator."): array for name, array in own.items() if name.startswith("simulator.")}
         self._simulator.resume(simulator)
-        self.updates, self._started = arrays["counters"].tolist()
+        self.updates, self._started = own["counters"].tolist()
+
+
+def _prefix(rank):
+    """Return what the names of a process's own arrays begin with."""
+    return f"{rank}." if rank else ""
 
 
 class Agent:

@@ -19,6 +19,10 @@ def train(
     out: Annotated[Path, typer.Option(help="The folder for weights, checkpoints and curves.")] = Path("runs"),
     resume: Annotated[bool, typer.Option("--resume", help="Continue from the last checkpoint.")] = False,
     threads: Annotated[int, typer.Option(min=1, help="The number of threads that compute the network.")] = 1,
+    processes: Annotated[
+        int,
+        typer.Option(min=1, help="The number of processes that share the training (ppo). Another number gives other weights."),
+    ] = 1,
     device: Annotated[
         Literal["auto", "cpu", "cuda", "mps"],
         typer.Option(help="Where the network computes; auto takes a graphics card if there is one."),
@@ -27,19 +31,24 @@ def train(
     """Train a learned agent.
 
     Writes the weights that score best on validation episodes, a checkpoint every few minutes, and curves for TensorBoard.
+    torchrun can start the processes of a training on several machines (docs/clusters.md).
     """
     from rich.console import Console
 
     from uavbench import UavbenchError, load_scenario
     from uavbench.agents.agent import find_agent
     from uavbench.cli.progress import training_progress
+    from uavbench.learning.group import launched
     from uavbench.learning.train import Training, read_config
     from uavbench.learning.train import train as train_agent
 
-    console = Console()
+    group = launched()
+    console = Console(quiet=group is not None and group.rank > 0)
     try:
         source = find_agent(agent)
-        training = Training(source, load_scenario(scenario), *read_config(source, config), seed, start)
+        training = Training(
+            source, load_scenario(scenario), *read_config(source, config), seed, start, group.size if group else processes
+        )
         with training_progress(console, f"{training.label} on {training.scenario.id}") as progress:
             kept = train_agent(
                 training,

@@ -11,6 +11,7 @@ import math
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cached_property
 from importlib import metadata
@@ -20,8 +21,9 @@ from typing import Any, cast
 from uavbench.agents.agent import AgentSource
 from uavbench.agents.weights import WeightsError, check_trained, load_weights, save_weights, training_facts, training_record
 from uavbench.errors import UavbenchError, one_line
-from uavbench.evaluation.interrupt import interrupt_waits
+from uavbench.evaluation.interrupt import ignore_interrupts, interrupt_waits
 from uavbench.learning.device import on_device
+from uavbench.learning.group import Group, begun, group
 from uavbench.learning.memory import keep_freed
 from uavbench.learning.validation import EPISODES, Validation
 from uavbench.world.files import MODEL_BYTES, FileError, read_bounded, read_toml
@@ -56,6 +58,8 @@ class Training:
     seed : int
     start : Path, optional
         Weights to start from.
+    processes : int
+        How many processes share the training. Another number gives other weights.
     """
 
     source: AgentSource
@@ -64,6 +68,12 @@ class Training:
     config: Any
     seed: int
     start: Path | None = None
+    processes: int = 1
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what another process makes it from; the configuration's class is in the agent's file."""
+        kind, values = type(self.config).__name__, asdict(self.config)
+        return _again, (self.source, self.scenario, self.name, kind, values, self.seed, self.start, self.processes)
 
     @property
     def label(self) -> str:
@@ -86,12 +96,16 @@ class Training:
             "config": asdict(self.config),
             "seed": self.seed,
             "start_sha256": self._start_sha256,
+            "processes": self.processes,
         }
 
     @cached_property
     def _start_sha256(self) -> str | None:
         """The digest of the weights to start from, as they were when the training began."""
-        return None if self.start is None else hashlib.sha256(read_bounded(self.start, MODEL_BYTES)).hexdigest()
+        try:
+            return None if self.start is None else hashlib.sha256(read_bounded(self.start, MODEL_BYTES)).hexdigest()
+        except FileError as error:
+            raise WeightsError(str(error)) from None
 
     def record(self, curve: list["Point"], seconds: float | None = None) -> dict[str, Any]:
         """Return the record that is saved with arrays and says how they were made."""
@@ -107,6 +121,11 @@ class Training:
             "seconds": spent,
             "versions": {"python": platform.python_version(), **versions},
         }
+
+
+def _again(source: AgentSource, scenario: Scenario, name: str, kind: str, values: dict[str, Any], *rest: Any) -> Training:
+    """Return a `Training` in another process."""
+    return Training(source, scenario, name, getattr(source.module(), kind)(**values), *rest)
 
 
 @dataclass(frozen=True)
@@ -214,14 +233,21 @@ def train(
     KeyboardInterrupt
         When the user interrupts the training; a checkpoint has been written.
     """
-    _needed("safetensors", "tensorboard", "torch").set_num_threads(threads)
-    keep_freed()
-    with on_device(device):
-        run = _Run(training, out, resume)
-        on_start(run.learner.updates, training.config.updates)
-        for point in run.points:
-            on_point(point)
-        with interrupt_waits() as interrupted:
+    _needed("safetensors", "tensorboard", "torch")
+    if training.start is not None:
+        check_trained(training.start, training_record(training.start), training.scenario)
+    if training.processes > 1 and not getattr(training.source.module().Learner, "parallel", False):
+        raise TrainError(f"{training.source.name} cannot be trained in several processes: its Learner has no `parallel = True`")
+    with begun(training.processes, _follow, training, threads, device) as processes:
+        if processes.rank:
+            _follow(training, threads, device)
+            return training.files(out)[0]
+        with _computing(threads, device), interrupt_waits() as interrupted:
+            processes.told(training.identity)
+            run = _Run(training, processes, out, resume)
+            on_start(run.learner.updates, training.config.updates)
+            for point in run.points:
+                on_point(point)
             while not (run.ended or interrupted) and time.perf_counter() - run.started < seconds:
                 if not run.validation_due:
                     run.advance()
@@ -229,26 +255,71 @@ def train(
                 elif run.validate(lambda: bool(interrupted)):
                     on_point(run.points[-1])
             run.close()
+            processes.told(None)
     if interrupted:
         raise KeyboardInterrupt(f"interrupted; --resume goes on from {run.checkpoint}")
     return run.kept
 
 
+def _computing(threads: int, device: str) -> AbstractContextManager[Any]:
+    """Prepare this process for a training; return the context in which it computes."""
+    _needed("torch").set_num_threads(threads)
+    keep_freed()
+    return on_device(device)
+
+
+def _follow(training: Training, threads: int, device: str) -> None:
+    """Do what the process that leads tells, until it tells None."""
+    ignore_interrupts()
+    with _computing(threads, device):
+        found = group()
+        for name, there, here in _differences(found.told(), training.identity):
+            raise TrainError(f"process {found.rank + 1}: its {name} is {here}, not {there} as in the process that leads")
+        learner, validation = _learner(training), _validation(training, found, Path())
+        while (order := found.told()) is not None:
+            name, *arguments = order
+            getattr(validation if name == "fly" else learner, name)(*arguments)
+
+
+class _Leader:
+    """The learner of the process that leads: what it does, the other processes do with theirs."""
+
+    def __init__(self, learner: Any, group: Group) -> None:
+        self._learner, self._group = learner, group
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._learner, name)
+
+    def advance(self) -> dict[str, float]:
+        """Make an update together."""
+        self._group.told(("advance",))
+        return self._learner.advance()
+
+    def snapshot(self) -> Mapping[str, Any]:
+        """Return what changes in all processes."""
+        self._group.told(("snapshot",))
+        return self._learner.snapshot()
+
+    def resume(self, arrays: Mapping[str, Any]) -> None:
+        """Let all processes continue from a snapshot."""
+        self._learner.resume(arrays)  # what does not fit is noticed here first
+        self._group.told(("resume", arrays))
+
+
 class _Run:
     """A training that runs: its learner, its curve so far, and its files."""
 
-    def __init__(self, training: Training, out: Path, resume: bool) -> None:
+    def __init__(self, training: Training, group: Group, out: Path, resume: bool) -> None:
         self.kept, self.checkpoint = training.files(out)
         self._training, folder = training, self.kept.parent
-        self.learner = _learner(training)
+        self.learner = _Leader(_learner(training), group)
         _ = training.identity  # digests are computed now, since files may change later
         self.points, self._spent = _begin(training, self.learner, self.checkpoint, resume)
         if self.points and not self.kept.exists():
             raise TrainError(
                 f"{self.kept}: the best weights so far are gone: put them back, or delete {self.checkpoint} to start over"
             )
-        wanted = getattr(training.config, "validation_episodes", EPISODES)
-        self._validation = Validation(training.source, training.scenario, folder, training.label, wanted)
+        self._validation = _validation(training, group, folder)
         self.started = self._saved = time.perf_counter()
         self._board = _board(folder / f"{training.label}.tensorboard", self.learner.updates)
 
@@ -320,9 +391,14 @@ def _learner(training: Training) -> Any:
     if training.start is not None:
         if not hasattr(learner, "start_from"):
             raise TrainError(f"{training.source.name} cannot begin from weights: its Learner has no start_from(path)")
-        check_trained(training.start, training_record(training.start), training.scenario)
         learner.start_from(training.start)
     return learner
+
+
+def _validation(training: Training, group: Group, folder: Path) -> Validation:
+    """Return how the training validates."""
+    wanted = getattr(training.config, "validation_episodes", EPISODES)
+    return Validation(training.source, training.scenario, folder, training.label, wanted, group)
 
 
 def _needed(*libraries: str) -> Any:
@@ -342,7 +418,7 @@ def _begin(training: Training, learner: Any, checkpoint: Path, resume: bool) -> 
     for left in checkpoint.parent.glob(f".{checkpoint.name}.*"):
         left.unlink()  # left by a process that was killed while it wrote
     arrays, record = load_weights(checkpoint)
-    for name, found, value in _differences(record, training.identity):
+    for name, found, value in _differences({"processes": 1, **record}, training.identity):  # earlier versions had one process
         raise TrainError(f"{checkpoint}: it is of another training: its {name} is {found}, not {value}")
     try:
         learner.resume(arrays)

@@ -6,7 +6,8 @@ validation ends, so that a training that was killed meanwhile flies only the par
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from uavbench.agents.agent import AgentSource
 from uavbench.agents.weights import save_weights
 from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.evaluation.metrics import METRICS
+from uavbench.learning.group import ALONE, Group
 from uavbench.world.files import FileError, read_bounded, write_atomic
 from uavbench.world.scenario import Scenario
 
@@ -43,6 +45,8 @@ class Validation:
         The stem of the names of the training's files.
     wanted : int, optional
         How many episodes are flown if there are as many; by default 200.
+    group : Group, optional
+        The processes that share the work; by default this one alone.
     """
 
     source: AgentSource
@@ -50,6 +54,7 @@ class Validation:
     folder: Path
     label: str
     wanted: int = EPISODES
+    group: Group = ALONE
 
     def scores(
         self, arrays: Mapping[str, NDArray[Any]], record: Mapping[str, Any], stopped: Callable[[], bool] = lambda: False
@@ -68,27 +73,56 @@ class Validation:
         dict of str to float, or None
             The mean of each metric, in [0, 1]; None if it was stopped.
         """
-        latest = self.folder / f".{self.label}.latest.safetensors"
-        save_weights(latest, arrays, record)
         kept = self.folder / f".{self.label}.validation.json"
-        digest = hashlib.sha256(latest.read_bytes()).hexdigest()
+        digest = _digest(arrays)
         scores = _read(kept, digest)
-        job = Job(replace(self.source, weights=latest), self.scenario, "validation")
         count = min(self.wanted, self.scenario.splits.validation.episodes)
         part = max(1, min(_PART, _PART_ACTIONS // self.scenario.budget[1]))
-        try:
-            for first in range(0, count, part):
-                if len(scores) > first:
-                    continue
-                if stopped():
-                    return None
-                records = sorted(evaluate(job, range(first, min(first + part, count))), key=lambda each: each.episode)
-                scores += [[float(getattr(each, name)) for name in METRICS] for each in records]
-                write_atomic(kept, json.dumps({"weights": digest, "scores": scores}).encode())
-        finally:
-            latest.unlink(missing_ok=True)
+        parts = [range(first, min(first + part, count)) for first in range(len(scores), count, part)]
+        for first in range(0, len(parts), self.group.size):
+            if stopped():
+                return None
+            batch = parts[first : first + self.group.size]
+            self.group.told(("fly", arrays, record, batch))
+            scores += self.fly(arrays, record, batch)
+            write_atomic(kept, json.dumps({"weights": digest, "scores": scores}).encode())
         kept.unlink(missing_ok=True)
         return dict(zip(METRICS, np.mean(scores, axis=0).tolist(), strict=True))
+
+    def fly(
+        self, arrays: Mapping[str, NDArray[Any]], record: Mapping[str, Any], parts: Sequence[Sequence[int]]
+    ) -> list[list[float]]:
+        """Fly one part in each process of the group.
+
+        Parameters
+        ----------
+        arrays, record : mapping
+            The weights, and what is said of their training.
+        parts : sequence of sequence of int
+            The episodes of each process; at most as many as there are processes.
+
+        Returns
+        -------
+        list of list of float
+            The metrics of all episodes, in the order of ``parts``, for the process that leads; an empty list for the others.
+        """
+        own = parts[self.group.rank] if self.group.rank < len(parts) else ()
+        with tempfile.TemporaryDirectory() as folder:
+            weights = Path(folder) / f"{self.label}.safetensors"
+            save_weights(weights, arrays, record)
+            job = Job(replace(self.source, weights=weights), self.scenario, "validation")
+            records = sorted(evaluate(job, own), key=lambda each: each.episode) if own else []
+        flown = self.group.gathered([[float(getattr(each, name)) for name in METRICS] for each in records])
+        return [each for part in flown for each in part]
+
+
+def _digest(arrays: Mapping[str, NDArray[Any]]) -> str:
+    """Return a digest of weights."""
+    found = hashlib.sha256()
+    for name, array in sorted(arrays.items()):
+        found.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        found.update(np.ascontiguousarray(array).tobytes())
+    return found.hexdigest()
 
 
 def _read(path: Path, digest: str) -> list[list[float]]:
