@@ -22,7 +22,6 @@ from uavbench.learning.train import TrainError, Training, train
 
 SOURCE = find_agent("ppo")
 TINY = replace(SOURCE.module().CONFIGS["fast"], updates=6, num_envs=8, steps=16, minibatch=64, epochs=2, validation=3)
-pytestmark = pytest.mark.slow
 
 
 def training(config=TINY, processes=2, source=SOURCE, name="tiny"):
@@ -72,6 +71,7 @@ def test_a_shared_training_that_is_interrupted_ends_as_if_it_had_not_been(tmp_pa
         assert getattr(best, name) == pytest.approx(np.mean([getattr(each, name) for each in records]))
 
 
+@pytest.mark.slow
 def test_a_process_that_is_killed_is_told_and_the_training_goes_on_from_its_checkpoint(tmp_path, monkeypatch):
     monkeypatch.setattr("uavbench.learning.train._CHECKPOINT_SECONDS", 0.0)
 
@@ -87,6 +87,7 @@ def test_a_process_that_is_killed_is_told_and_the_training_goes_on_from_its_chec
     assert weights_of(parts) == weights_of(train(training(), tmp_path / "whole"))
 
 
+@pytest.mark.slow
 def test_torchrun_starts_the_same_training(tmp_path):
     (tmp_path / "tiny.toml").write_text("updates = 4\nnum_envs = 8\nsteps = 16\nminibatch = 64\nepochs = 2\nvalidation = 2\n")
     words = ["train", "ppo", "--scenario", CPP.id, "--config", str(tmp_path / "tiny.toml")]

@@ -133,7 +133,7 @@ def _launched_here() -> Generator[Group]:
     try:
         yield group()
     except RuntimeError as error:
-        raise GroupError(f"a process of the training was lost: {one_line(error)}; go on with --resume") from error
+        raise GroupError(f"a process of the training has failed or was lost: {one_line(error)}; go on with --resume") from error
     finally:
         distributed.destroy_process_group()
 
