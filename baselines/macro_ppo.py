@@ -64,6 +64,8 @@ class MapNetwork(ppo.Network):
         self.context = nn.Linear(hidden, channels)
         last = nn.Conv2d(channels, 1, 1)
         self.choice = nn.Sequential(ppo.Residual(channels), last)
+        for part in (self.cells, self.choice):
+            part.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
         self.policy = nn.Linear(hidden, 1)  # of landing
         with torch.no_grad():
             self.policy.weight.mul_(0.1)

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
-from uavbench.learning.train import Training, train
+from uavbench.learning.train import train
+from uavbench.learning.training import Training
 
 SOURCE = find_agent("ppo")
 

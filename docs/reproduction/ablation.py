@@ -20,7 +20,8 @@ import pandas as pd
 from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.agents.weights import training_record
-from uavbench.learning.train import Training, train
+from uavbench.learning.train import train
+from uavbench.learning.training import Training
 
 SCENARIO = "Manhattan32-CPP-v0"
 #: The agent, its configuration, and what is changed in it.

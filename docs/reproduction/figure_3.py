@@ -25,7 +25,8 @@ from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.evaluation.metrics import METRICS
-from uavbench.learning.train import Training, train
+from uavbench.learning.train import train
+from uavbench.learning.training import Training
 from uavbench.simulation.observation import Observer
 
 SCENARIOS = ("Manhattan32-CPP-Long-v0", "Manhattan32-DH-Long-v0")

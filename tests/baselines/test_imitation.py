@@ -10,7 +10,8 @@ from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.agents.weights import WeightsError, load_weights
 from uavbench.evaluation.evaluate import Job, evaluate
-from uavbench.learning.train import Training, train
+from uavbench.learning.train import train
+from uavbench.learning.training import Training
 from uavbench.planning.advice import NEVER
 from uavbench.simulation.observation import Observer
 from uavbench.simulation.simulator import Simulator

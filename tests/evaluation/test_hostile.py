@@ -25,7 +25,7 @@ from uavbench.evaluation.results import ResultError, load_result
 from uavbench.evaluation.run import run
 from uavbench.leaderboard.reruns import load_reruns
 from uavbench.leaderboard.submission import load_submission
-from uavbench.learning.train import read_config
+from uavbench.learning.training import read_config
 from uavbench.world.files import check_plain, pack_arrays, read_bounded, read_text, read_toml, unpack_arrays
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="Windows has no pipes among files")

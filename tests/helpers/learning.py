@@ -7,7 +7,7 @@ import pytest
 from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.agents.weights import load_weights
-from uavbench.learning.train import Training
+from uavbench.learning.training import Training
 
 torch = pytest.importorskip("torch", reason="learning needs PyTorch: pip install 'uavbench[ddqn]'")
 pytest.importorskip("safetensors", reason="learning needs safetensors: pip install 'uavbench[ddqn]'")

@@ -13,12 +13,14 @@ from learning import CPP, torch, weights_of
 from learning import training as of_ddqn
 from typer.testing import CliRunner
 
+from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.cli.app import app
 from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.evaluation.metrics import METRICS
 from uavbench.learning.group import ALONE, GroupError
-from uavbench.learning.train import TrainError, Training, train
+from uavbench.learning.train import train
+from uavbench.learning.training import TrainError, Training
 
 SOURCE = find_agent("ppo")
 TINY = replace(SOURCE.module().CONFIGS["fast"], updates=6, num_envs=8, steps=16, minibatch=64, epochs=2, validation=3)
@@ -88,7 +90,20 @@ def test_a_process_that_is_killed_is_told_and_the_training_goes_on_from_its_chec
 
 
 @pytest.mark.slow
-def test_torchrun_starts_the_same_training(tmp_path):
+@pytest.mark.parametrize(("agent", "scenario"), [("macro_ppo", "Block8-DH-v0"), ("ppo", "Manhattan32-DH-Team-v0")])
+def test_teams_and_macro_actions_are_shared_too(agent, scenario, tmp_path):
+    """In macro-actions each process has another number of decisions, and in teams some UAVs do not fly any more."""
+    source = find_agent(agent)
+    values = {"updates": 2, "num_envs": 8, "steps": 32, "minibatch": 64, "epochs": 2, "validation": 2}
+    config = replace(source.module().CONFIGS["fast"], **values)
+    found = [
+        train(Training(source, load_scenario(scenario), "tiny", config, 0, None, 2), tmp_path / name) for name in ("one", "two")
+    ]
+    assert weights_of(found[0]) == weights_of(found[1])
+
+
+@pytest.mark.slow
+def test_torchrun_starts_the_same_training(tmp_path, monkeypatch):
     (tmp_path / "tiny.toml").write_text("updates = 4\nnum_envs = 8\nsteps = 16\nminibatch = 64\nepochs = 2\nvalidation = 2\n")
     words = ["train", "ppo", "--scenario", CPP.id, "--config", str(tmp_path / "tiny.toml")]
     launcher = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2", "-m", "uavbench"]
@@ -97,6 +112,12 @@ def test_torchrun_starts_the_same_training(tmp_path):
     )
     assert found.returncode == 0, found.stderr
     assert found.stdout.count("next:") == 1
+    monkeypatch.setenv("TORCHELASTIC_RUN_ID", "here")
+    monkeypatch.setenv("RANK", "0")
+    monkeypatch.setenv("WORLD_SIZE", "4")
+    told = CliRunner().invoke(app, [*words, "--processes", "2"])
+    assert (told.exit_code, "torchrun has started 4" in told.output) == (2, True)
+    monkeypatch.undo()
     told = CliRunner().invoke(app, [*words, "--out", str(tmp_path / "here"), "--processes", "2"])
     assert told.exit_code == 0, told.output
     name = Path(CPP.id) / "ppo-tiny-0.safetensors"

@@ -18,7 +18,8 @@ from uavbench.agents.weights import WeightsError, load_weights, save_weights
 from uavbench.cli.app import app
 from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.evaluation.results import load_result
-from uavbench.learning.train import TrainError, Training, read_config, train
+from uavbench.learning.train import train
+from uavbench.learning.training import TrainError, Training, read_config
 
 
 @pytest.mark.parametrize(("scenario", "sent"), [(CPP, signal.SIGINT), (DH, signal.SIGTERM)], ids=["CPP", "DH"])

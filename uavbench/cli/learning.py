@@ -38,13 +38,13 @@ def train(
     from uavbench import UavbenchError, load_scenario
     from uavbench.agents.agent import find_agent
     from uavbench.cli.progress import training_progress
-    from uavbench.learning.group import launched
-    from uavbench.learning.train import Training, read_config
+    from uavbench.learning.group import group_for
     from uavbench.learning.train import train as train_agent
+    from uavbench.learning.training import Training, read_config
 
-    group = launched()
-    console = Console(quiet=group is not None and group.rank > 0)
     try:
+        group = group_for(processes)
+        console = Console(quiet=group.rank > 0)
         source = find_agent(agent)
         training = Training(
             source, load_scenario(scenario), *read_config(source, config), seed, start, group.size if group else processes

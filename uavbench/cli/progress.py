@@ -10,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 
 from uavbench.evaluation.evaluate import EpisodeRecord
 from uavbench.evaluation.metrics import NAMES
-from uavbench.learning.train import Point
+from uavbench.learning.training import Point
 
 _LINE_SECONDS = 30.0  # between two plain lines
 

@@ -97,12 +97,30 @@ def group() -> Group:
     return ALONE
 
 
-def launched() -> Group | None:
-    """Return the group in which ``torchrun`` has started this process, or None."""
-    names = ("TORCHELASTIC_RUN_ID", "RANK", "WORLD_SIZE")
-    if not all(name in os.environ for name in names):
-        return None
-    return Group(int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"]))
+def group_for(processes: int) -> Group:
+    """Return the group of a training that begins here: that of ``torchrun``, or one that this process leads.
+
+    Parameters
+    ----------
+    processes : int
+        The number of processes that the user wants. Under ``torchrun``, 1 stands for as many as it has started.
+
+    Raises
+    ------
+    GroupError
+        When ``torchrun`` has started another number of processes.
+    """
+    if not _launched():
+        return Group(0, processes)
+    found = Group(int(os.environ["RANK"]), int(os.environ["WORLD_SIZE"]))
+    if processes not in (1, found.size):
+        raise GroupError(f"--processes {processes}: torchrun has started {found.size}; leave the option out")
+    return found
+
+
+def _launched() -> bool:
+    """Return whether ``torchrun`` has started this process. PyTorch could tell, but it may be missing here."""
+    return all(name in os.environ for name in ("TORCHELASTIC_RUN_ID", "RANK", "WORLD_SIZE"))
 
 
 @contextlib.contextmanager
@@ -121,7 +139,7 @@ def begun(processes: int, follow: Callable[..., None], *arguments: Any) -> Gener
     GroupError
         When a process has ended too early.
     """
-    with _launched_here() if launched() else _started_here(processes, follow, arguments) as found:
+    with _launched_here() if _launched() else _started_here(processes, follow, arguments) as found:
         yield found
 
 
