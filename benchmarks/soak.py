@@ -1,7 +1,7 @@
 """Do the rules hold for long? Many steps of every scenario and adapter under random and adversarial actions, each one checked.
 
 Usage: python benchmarks/soak.py [--steps 100_000_000] [--seed 0] [--only Urban50]. Prints Markdown: for each scenario how many
-steps of UAVs were checked and how fast, and the memory of the process in the middle and at the end. It stops with the first
+steps of UAVs were checked and how fast, and the memory of the process after each tenth of the steps. It stops with the first
 rule that is broken, and says where. Steps are shared so that each scenario has about the same time.
 
 What is checked after each step, in all slots: targets do not grow, and no data are below 0; a UAV that flies loses one unit
@@ -26,6 +26,7 @@ from uavbench.world.city import HOVER, LAND, NUM_ACTIONS
 STEPS = np.array([(-1, 0), (0, 1), (1, 0), (0, -1), (0, 0), (0, 0)])
 POLICIES = ("random", "blocked", "safe", "hovering", "landing")
 EPSILON = 1e-9
+TENTHS = 10
 
 
 def resident():
@@ -175,7 +176,7 @@ def main():
     options = parser.parse_args()
     names = [name for name in uavbench.list_scenarios() if options.only in name]
     soaks = [Soak(name, options.seed) for name in names]
-    spent, done, middle, round_number = dict.fromkeys(names, 0.0), 0, None, 0
+    spent, done, memory, round_number = dict.fromkeys(names, 0.0), 0, [], 0
     started = time.perf_counter()
     while done < options.steps:
         soak = min(soaks, key=lambda each: spent[each.name])  # each scenario has the same time
@@ -187,9 +188,8 @@ def main():
         spent[soak.name] += time.perf_counter() - before
         round_number += 1
         done = sum(each.steps for each in soaks)
-        if middle is None and 2 * done > options.steps:
-            middle = resident()
-    end = resident()
+        while len(memory) < TENTHS * min(1.0, done / options.steps) - 1e-9:
+            memory.append(resident())
     print("| scenario | steps | episodes | steps/s |\n| --- | ---: | ---: | ---: |")
     for soak in soaks:
         print(f"| {soak.name} | {soak.steps:,} | {soak.episodes:,} | {soak.steps / spent[soak.name]:,.0f} |")
@@ -197,7 +197,8 @@ def main():
     print(
         f"\n{done:,} steps in {time.perf_counter() - started:.0f} s, and {through:,} through the environments: no rule broken."
     )
-    print(f"Memory: {middle:.0f} MB after half of the steps, {end:.0f} MB at the end.")
+    print(f"Memory after each tenth of the steps, MB: {', '.join(f'{each:.0f}' for each in memory)}.")
+    middle, end = memory[TENTHS // 2 - 1], memory[-1]
     must(end <= 1.05 * middle, f"memory grew from {middle:.0f} to {end:.0f} MB", "soak")
 
 

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from uavbench.agents.agent import find_agent
 from uavbench.evaluation.evaluate import Job
 from uavbench.evaluation.run import run
 from uavbench.leaderboard.board import build, submission_folders
+from uavbench.leaderboard.flown import FILE, FlownEpisode, save_flown
+from uavbench.leaderboard.reruns import actions_digest
 from uavbench.leaderboard.submission import load_submission
 from uavbench.leaderboard.submit import submit
 
@@ -42,6 +45,23 @@ def test_sorts_by_a_click_and_filters(board, opened):
     assert page.is_visible("#none")
     page.reload()
     assert page.input_value("#scenario") == "Block8-CPP-v0"
+
+
+def test_the_column_of_flights_with_physics_is_shown_where_there_are_some(submissions, opened):
+    greedy = load_submission(submissions / "greedy" / "Block8-CPP-v0")
+    line = FlownEpisode(greedy.label, actions_digest(greedy), 0, 5.0, False, False, 1.0, 1.0, 60.0, 2.0, 1.0, 4.0)
+    save_flown(submissions.parent / FILE, [line, replace(line, episode=1, hit=True), replace(line, speed=8.0)])
+    build(submissions)
+    page = opened(submissions.parent / "index.html")
+    page.select_option("#scenario", "Block8-CPP-v0")
+    assert page.inner_text("tr[data-name=greedy] td.safety").split("\n") == ["50 % at 5 m/s", "100 % at 8 m/s"]
+    assert page.inner_text("tr[data-name=random] td.safety") == ""
+    page.click("th[data-column=safety] button")
+    assert names(page) == ["greedy", "random"]
+    assert page.is_visible("#flown")
+    page.select_option("#scenario", "Block8-DH-v0")
+    assert not page.is_visible("th[data-column=safety]")
+    assert not page.is_visible("#flown")
 
 
 def test_overall_shows_the_papers_figures_with_no_flights(board, opened):

@@ -186,3 +186,40 @@ def rerun(
                 typer.echo(f"{submission.label}: {fresh_text(found)}")
     except UavbenchError as error:
         raise fail(error, 1) from None
+
+
+@app.command(
+    epilog="\b\nExamples:\n  uavbench leaderboard fly leaderboard/submissions/greedy/Manhattan32-CPP-v0\n"
+    "  uavbench leaderboard fly leaderboard/submissions/{planner,greedy}/Urban50-* --episodes 5 --speed 3 --workers 2"
+)
+def fly(
+    folders: Annotated[list[Path], typer.Argument(help="Submissions of one board, or folders of submissions.")],
+    episodes: Annotated[int, typer.Option(min=1, help="How many episodes, from 0 on.")] = 20,
+    speed: Annotated[list[float] | None, typer.Option(help="m/s; repeatable; by default 2, 5 and 8.")] = None,
+    workers: _Workers = 1,
+) -> None:
+    """Fly recorded episodes of submissions with physics, as uavbench fly does, without wind.
+
+    What was flown is recorded in flown.csv beside the folder of all submissions, and is not flown again. The next build shows
+    how many flights were safe; this is not part of the rank. Needs the extra flight: pip install 'uavbench[flight]'.
+    """
+    from rich.console import Console
+
+    from uavbench import UavbenchError
+    from uavbench.cli.progress import working
+    from uavbench.leaderboard.board import submission_folders
+    from uavbench.leaderboard.flown import SPEEDS, file_beside, fly_missing, load_flown, missing_flights, safety
+    from uavbench.leaderboard.submission import load_submission
+
+    try:
+        submissions = [load_submission(each) for folder in folders for each in submission_folders(folder)]
+        kept = file_beside(submissions)
+        missing = missing_flights(submissions, episodes, speed or SPEEDS, load_flown(kept))
+        with working(Console(stderr=True), "flying", len(missing)) as advance:
+            fly_missing(missing, kept, workers, advance)
+        known = load_flown(kept)
+    except UavbenchError as error:
+        raise fail(error) from None
+    for submission in submissions:
+        for each in safety(known, submission):
+            typer.echo(f"{submission.label}: {each.safe} of {each.flown} flights at {each.speed:g} m/s were safe")

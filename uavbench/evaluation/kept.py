@@ -12,7 +12,7 @@ import numpy as np
 from uavbench.errors import one_line
 from uavbench.evaluation.evaluate import EpisodeRecord
 from uavbench.evaluation.metrics import ROUNDING
-from uavbench.evaluation.replay import fly_recorded
+from uavbench.evaluation.replay import fly_together
 from uavbench.evaluation.results import ResultError
 from uavbench.world.episode import Columns
 from uavbench.world.files import ARRAYS_BYTES, FileError, pack_arrays, read_bounded, unpack_arrays, write_atomic
@@ -88,14 +88,16 @@ def check_kept(folder: Path, kept: Kept, scenario: Scenario, split: SplitName) -
     ResultError
         When an episode has other numbers than its actions lead to.
     """
-    for record in kept.records.values():
-        known = record.episode < kept.identity["episodes"]
-        again = fly_recorded(scenario, split, record.episode, record.actions) if known else None
-        if again is None or not _alike(record, again):
-            raise ResultError(
-                f"{folder / FILE}: damaged (the numbers of episode {record.episode} do not follow from its actions); "
-                "delete its folder to start over"
-            )
+    records = sorted(kept.records.values(), key=lambda record: record.episode)
+    unknown = [record for record in records if record.episode >= kept.identity["episodes"]]
+    flown = records[: len(records) - len(unknown)]
+    again = fly_together(scenario, split, [record.episode for record in flown], [record.actions for record in flown])
+    wrong = [record for record, found in zip(flown, again, strict=True) if found is None or not _alike(record, found)]
+    if broken := wrong + unknown:
+        raise ResultError(
+            f"{folder / FILE}: damaged (the numbers of episode {broken[0].episode} do not follow from its actions); "
+            "delete its folder to start over"
+        )
 
 
 def different(found: Mapping[str, Any], sought: Mapping[str, Any]) -> list[str]:

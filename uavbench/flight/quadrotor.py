@@ -34,6 +34,10 @@ _DRAG = 0.06  # 1/m: acceleration that PyFlyt's drag takes, by the square of the
 _MOST_ACCELERATION, _MOST_SUM = 10.0, 30.0
 _HEIGHT_GAIN = 1.5  # 1/s
 _GROUND = 0.1  # m: the height at which the quadrotor stands
+_CALLED = (  # by PyFlyt, in each step of the physics
+    *("LINK_FRAME", "applyExternalForce", "applyExternalTorque", "getBasePositionAndOrientation", "getBaseVelocity"),
+    *("getContactPoints", "getEulerFromQuaternion", "getLinkStates", "getMatrixFromQuaternion", "stepSimulation"),
+)
 
 #: A box: west, south, east, north in metres, and its height.
 Box = tuple[float, float, float, float, float]
@@ -91,6 +95,8 @@ def fly_track(track: Track, altitude: float, boxes: Sequence[Box], wind: Wind | 
         if wind is not None:
             aviary.register_wind_field_function(_field(wind))
         aviary.set_mode(1)  # roll, pitch, yaw and climb
+        for name in _CALLED:  # PyBullet's client makes its functions anew at each call, which takes a sixth of the time
+            setattr(aviary, name, getattr(aviary, name))
         return _flown(aviary, track, altitude, wind)
     finally:
         with _silent():
@@ -116,18 +122,20 @@ def _aviary() -> Any:
 
 @contextlib.contextmanager
 def _silent() -> Generator[None]:
-    """Hide what PyBullet's library writes to the standard output."""
+    """Hide what PyBullet's library writes to the standard output and to the standard error."""
     with contextlib.ExitStack() as stack, Path(os.devnull).open("w", encoding="utf-8") as nothing:
         stack.enter_context(contextlib.redirect_stdout(nothing))
-        kept = os.dup(1)
+        kept = {stream: os.dup(stream) for stream in (1, 2)}
         try:
-            os.dup2(nothing.fileno(), 1)
+            for stream in kept:
+                os.dup2(nothing.fileno(), stream)
             yield
         finally:
             with contextlib.suppress(OSError, AttributeError):
                 ctypes.CDLL(None).fflush(None)  # what the library has written, but not yet handed over
-            os.dup2(kept, 1)
-            os.close(kept)
+            for stream, there in kept.items():
+                os.dup2(there, stream)
+                os.close(there)
 
 
 def _build(aviary: Any, boxes: Sequence[Box]) -> None:

@@ -11,6 +11,8 @@ from typing import Any, cast
 import joblib  # pyright: ignore[reportMissingTypeStubs]
 
 from uavbench.evaluation.evaluate import EpisodeRecord
+from uavbench.leaderboard.flown import FILE as FLOWN
+from uavbench.leaderboard.flown import load_flown, safety
 from uavbench.leaderboard.owners import FILE as OWNERS
 from uavbench.leaderboard.owners import Owners, load_owners, owners_text, why_not_its_own, with_new_names
 from uavbench.leaderboard.page import page_text
@@ -125,8 +127,8 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     Raises
     ------
     SubmissionError
-        When there are no submissions, only one agent's folder is given, ``owners.toml`` or ``reruns.csv`` is damaged, or the
-        files cannot be written. No file changes then.
+        When there are no submissions, only one agent's folder is given, ``owners.toml``, ``reruns.csv`` or ``flown.csv`` is
+        damaged, or the files cannot be written. No file changes then.
     ResultError
         When a scenario's table of upper bounds and best known scores is damaged.
     """
@@ -140,7 +142,10 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     if not held:
         return Board([], [*refused, *others], [])
     reruns = load_reruns(folder / "reruns.csv")
-    entries = [Entry(submission, flown, reruns.get(submission.label)) for submission, flown in held]
+    physics = load_flown(folder / FLOWN)
+    entries = [
+        Entry(submission, flown, reruns.get(submission.label), tuple(safety(physics, submission))) for submission, flown in held
+    ]
     rows = rank(entries)
     texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries), OWNERS: owners_text(owners)}
     try:

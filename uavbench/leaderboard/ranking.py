@@ -23,6 +23,7 @@ from uavbench.evaluation.metrics import (
 from uavbench.evaluation.reference import SPLIT, gaps_of
 from uavbench.evaluation.results import table_of
 from uavbench.leaderboard.claims import is_built_in
+from uavbench.leaderboard.flown import Safety
 from uavbench.leaderboard.published import AUTHORS, LINK, NAME, PAPER_SCENARIOS, TABLE_3
 from uavbench.leaderboard.reruns import Rerun, actions_digest, fresh_text
 from uavbench.leaderboard.submission import Submission
@@ -79,6 +80,8 @@ class Row:
         How far CRAL is below the best known score, and below the upper bound: means over the episodes for which that is known.
     compared, bounded : int
         The numbers of these episodes.
+    safety : tuple of Safety
+        How many of its flights a simulated quadrotor survives, by speed; empty if they were not flown, or not in each scenario.
     """
 
     scenario: str
@@ -106,11 +109,12 @@ class Row:
     gap_to_bound: float | None
     compared: int
     bounded: int
+    safety: tuple[Safety, ...] = ()
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A submission, the records of its replay, and its rerun by the agent itself, if there is one.
+    """A submission, the records of its replay, its rerun by the agent itself, if there is one, and what physics does to it.
 
     All scores are those of the replay: none is read from the submission.
     """
@@ -118,6 +122,7 @@ class Entry:
     submission: Submission
     flown: Sequence[EpisodeRecord]
     rerun: Rerun | None
+    safety: tuple[Safety, ...] = ()
 
     @cached_property
     def table(self) -> "pd.DataFrame":
@@ -261,7 +266,15 @@ def _row(scenario: str, number: int | None, group: Sequence[Entry]) -> Row:
         gap_to_bound=_mean([each and each.to_bound and each.to_bound.mean for each in known]),
         compared=sum(each.compared for each in known if each),
         bounded=sum(each.bounded for each in known if each),
+        safety=_safety(group),
     )
+
+
+def _safety(group: Sequence[Entry]) -> tuple[Safety, ...]:
+    """Return how many flights are safe at each speed that was flown in all scenarios."""
+    found = [{each.speed: each for each in entry.safety} for entry in group]
+    speeds = sorted(set(found[0]).intersection(*found[1:]))
+    return tuple(Safety(v, sum(each[v].safe for each in found), sum(each[v].flown for each in found)) for v in speeds)
 
 
 def _said(group: Sequence[Entry], field: str) -> str:

@@ -14,6 +14,7 @@ COLUMNS = (
     *("fresh_episodes", "fresh_difference", "fresh_difference_low", "fresh_difference_high", "note", "episodes"),
     *(f"{name}{part}" for name in METRICS for part in ("", "_low", "_high")),
     *("iqm", "steps", "decisions_per_second_claimed", "gap_to_best_known", "gap_to_bound", "compared", "bounded"),
+    "flown_safely",
 )
 
 
@@ -33,6 +34,7 @@ def table_text(rows: Sequence[Row]) -> str:
                 *(cell for name in METRICS for cell in _cells(getattr(row, name))),
                 *(_percent(row.iqm), _number(row.steps, 1), _number(row.decisions_per_second, 0)),
                 *(_percent(row.gap_to_best), _percent(row.gap_to_bound), row.compared, row.bounded),
+                "; ".join(f"{each.safe} of {each.flown} at {each.speed:g} m/s" for each in row.safety),
             ]
         )
     return text.getvalue()

@@ -20,6 +20,7 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     { name: "bound", title: "Gap to bound", value: (row) => row.gap_to_bound, show: (row) => gap(row.gap_to_bound, row.bounded, row.episodes), first: "ascending" },
     { name: "steps", title: "Steps", value: (row) => row.steps, show: (row) => percent(row.steps) },
     { name: "speed", title: "Decisions/s, claimed", value: (row) => row.decisions_per_second, show: (row) => count(row.decisions_per_second) },
+    { name: "safety", title: "Flown safely", value: (row) => (row.safety.length ? safe(row.safety) : null), show: safety },
   ];
   let sorting = { column: COLUMNS[2], direction: "descending" };
 
@@ -60,6 +61,20 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     return shown;
   }
 
+  function safe(flights) {
+    const sum = (part) => flights.reduce((total, each) => total + each[part], 0);
+    return sum("safe") / sum("flown");
+  }
+
+  // By speed, the share of the flights that a simulated quadrotor survived.
+  function safety(row) {
+    const shown = element("span");
+    for (const { speed, safe, flown } of row.safety) {
+      shown.append(element("small", { title: `${safe} of ${flown} flights` }, `${Math.round((100 * safe) / flown)} % at ${speed} m/s`));
+    }
+    return shown;
+  }
+
   function chosen() {
     const wanted = find("search").value.trim().toLowerCase(), track = find("track").value;
     return DATA.rows.filter((row) => row.scenario === find("scenario").value && (!track || row.track === track)
@@ -77,6 +92,8 @@ const DATA = JSON.parse(document.getElementById("data").textContent);
     for (const head of find("board").tHead.rows[0].cells) {
       head.setAttribute("aria-sort", head.dataset.column === column.name ? direction : "none");
     }
+    const without = !rows.some((row) => row.safety.length); // most scenarios' flights have not been flown with physics
+    for (const id of ["board", "flown"]) find(id).classList.toggle("unflown", without);
     find("board").tBodies[0].replaceChildren(...rows.map((row) => {
       const line = element("tr", { class: `${row.tier === "published" ? "published" : "entry"}${row.entry ? " opens" : ""}`, "data-name": row.name });
       for (const each of COLUMNS) line.append(element("td", { class: each.name }, each.show(row)));
