@@ -1,11 +1,14 @@
 """What evaluations on many machines take: the numbers behind docs/scale.md.
 
-Usage: python benchmarks/scale.py agents|driver|workers. Prints Markdown. Times of `agents` and `driver` are of the processor,
-so that other work on the machine changes them little.
+Usage: python benchmarks/scale.py agents|driver|shards|merge|workers. Prints Markdown. Except for those of `workers`, times are
+of the processor, so that other work on the machine changes them little.
 
 - ``agents``: how many episodes of a scenario each built-in agent flies in an hour of a core, and how large its result is.
 - ``driver``: what the process that collects the records spends for an episode. Agents are simulated: a worker of a real cluster
   of Dask sleeps as long as an episode takes, and returns records as long as real ones.
+- ``shards``: the same for shards, each of which has a driver of its own: all at once, as threads of two processes, into one
+  folder.
+- ``merge``: what `uavbench merge` takes for an episode of four real shards of `greedy`.
 - ``workers``: how much faster `greedy` flies 1,000 episodes with two worker processes. The first 200 episodes, in
   which the processes start, are left out.
 
@@ -16,15 +19,18 @@ import argparse
 import multiprocessing
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 from uavbench import load_scenario
 from uavbench.agents.agent import AgentLoadError, find_agent
 from uavbench.evaluation import crew
+from uavbench.evaluation import run as runs
 from uavbench.evaluation.cluster import Cluster
 from uavbench.evaluation.evaluate import AgentError, Job, evaluate
-from uavbench.evaluation.run import run
+from uavbench.evaluation.run import run, run_shard
+from uavbench.evaluation.shards import Shard, merge
 from uavbench.world.resources import baseline_paths
 
 SCENARIOS = ("Manhattan32-CPP-v0", "Manhattan32-DH-v0", "Urban50-CPP-v0", "Urban50-DH-v0")
@@ -67,13 +73,19 @@ def cluster(processes, threads, pipe):
 
 
 def simulated(record, seconds):
-    """Return a function that stands for flying: it sleeps, and returns records like a real one."""
+    """Return a function that stands for flying: it sleeps, and yields records like a real one."""
 
     def fly(_parcel, numbers):
-        time.sleep(seconds * len(numbers))
-        return [replace(record, episode=number) for number in numbers]
+        for number in numbers:
+            time.sleep(seconds)
+            yield replace(record, episode=number)
 
     return fly
+
+
+def now():
+    """Return the clock, and the seconds that this process has had of its processor."""
+    return time.perf_counter(), time.process_time()
 
 
 def driver(seconds, cores, episodes):
@@ -83,8 +95,8 @@ def driver(seconds, cores, episodes):
     (record,) = evaluate(Job(find_agent("greedy"), scenario, "test"), [0])
     fly = crew._fly
     crew._fly = simulated(record, seconds)
-    print("| simulated cores | offered, episodes/s | reached | driver, ms/episode | scheduler, ms/episode |")
-    print("| ---: | ---: | ---: | ---: | ---: |", flush=True)
+    columns = "simulated cores|offered, episodes/s|reached in the first half|in all|driver, ms|scheduler, ms|result, ms"
+    print(f"| {columns.replace('|', ' | ')} |\n|{' ---: |' * 7}", flush=True)
     for count in cores:
         here, there = multiprocessing.Pipe()
         process = multiprocessing.get_context("spawn").Process(target=cluster, args=(2, count // 2, there))
@@ -92,17 +104,75 @@ def driver(seconds, cores, episodes):
         address = here.recv()
         for number in (100, episodes):  # the first is for connections
             here.send(0)
-            scheduler, own, started = here.recv(), time.process_time(), time.perf_counter()
+            scheduler, clocks = here.recv(), [now()]
             with tempfile.TemporaryDirectory() as folder:
-                run(job, number, Path(folder), workers=Cluster("dask", address))
-            own, taken = time.process_time() - own, time.perf_counter() - started
+                run(
+                    job,
+                    number,
+                    Path(folder),
+                    workers=Cluster("dask", address),
+                    on_record=lambda _, clocks=clocks: clocks.append(now()),
+                )
+            clocks.append(now())
             here.send(0)
             scheduler = here.recv() - scheduler
-        row = f"{count} | {count / seconds:,.0f} | {episodes / taken:,.0f} | {1000 * own / episodes:.2f}"
-        print(f"| {row} | {1000 * scheduler / episodes:.2f} |", flush=True)
+        (before, own), (half, _), (after, spent), (_, end) = (clocks[k] for k in (0, episodes // 2, -2, -1))
+        row = f"{count} | {count / seconds:,.0f} | {episodes // 2 / (half - before):,.0f} | {episodes / (after - before):,.0f}"
+        row += "".join(f" | {1000 * taken / episodes:.2f}" for taken in (spent - own, scheduler, end - spent))
+        print(f"| {row} |", flush=True)
         here.send(None)
         process.join()
     crew._fly = fly
+
+
+def fly_shards(parts, seconds, out, pipe):
+    """Fly simulated shards, each in a thread of its own; send how many seconds of the processor that took."""
+    job = Job(find_agent("greedy"), load_scenario("Manhattan32-CPP-v0"), "train")
+    (record,) = evaluate(job, [0])
+    runs.evaluate_with = lambda _, job, numbers: simulated(record, seconds)(job, numbers)
+    pipe.send("ready")
+    pipe.recv()
+    started = time.process_time()
+    with ThreadPoolExecutor(len(parts)) as pool:
+        list(pool.map(lambda part: run_shard(job, part, out), parts))
+    pipe.send(time.process_time() - started)
+
+
+def shards(seconds, cores, episodes):
+    """Print what the drivers of shards spend for an episode, for some numbers of shards at the same time."""
+    print("| shards at once | offered, episodes/s | reached | drivers, ms/episode |\n| ---: | ---: | ---: | ---: |", flush=True)
+    for count in cores:
+        parts, started = [Shard(k + 1, count, count * episodes) for k in range(count)], []
+        with tempfile.TemporaryDirectory() as folder:
+            for own in (parts[::2], parts[1::2]):
+                here, there = multiprocessing.Pipe()
+                told = (own, seconds, Path(folder), there)
+                process = multiprocessing.get_context("spawn").Process(target=fly_shards, args=told)
+                process.start()
+                started.append((here, process))
+            for here, _ in started:
+                here.recv()
+            before = time.perf_counter()
+            for here, _ in started:
+                here.send("go")
+            spent = sum(here.recv() for here, _ in started)
+            taken = time.perf_counter() - before
+            for _, process in started:
+                process.join()
+        row = f"{count} | {count / seconds:,.0f} | {count * episodes / taken:,.0f} | {1000 * spent / (count * episodes):.3f}"
+        print(f"| {row} |", flush=True)
+
+
+def merging(episodes):
+    """Print what merging takes for an episode."""
+    for scenario in map(load_scenario, SCENARIOS):
+        job = Job(find_agent("greedy"), scenario, "train")
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder)
+            folders = [run_shard(job, Shard(k, 4, episodes), out, workers=2) for k in range(1, 5)]
+            started = time.process_time()
+            merge(folders, out)
+            print(f"| {scenario.id} | {1000 * (time.process_time() - started) / episodes:.2f} ms/episode |", flush=True)
 
 
 def workers(episodes):
@@ -129,8 +199,12 @@ def workers(episodes):
 def main():
     """Measure, and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("what", choices=("agents", "driver", "workers"))
-    parser.add_argument("--episodes", type=int, help="by default 20 for agents, 5,000 for driver, 1,000 for workers")
+    parser.add_argument("what", choices=("agents", "driver", "shards", "merge", "workers"))
+    parser.add_argument(
+        "--episodes",
+        type=int,
+        help="by default 20 for agents, 5,000 for driver and merge, 1,000 for workers, and 2,000 of each shard",
+    )
     parser.add_argument("--seconds", type=float, default=0.014, help="of a simulated episode")
     parser.add_argument("--cores", type=int, nargs="+", default=[2, 8, 32, 128], help="simulated cores, even numbers")
     options = parser.parse_args()
@@ -138,6 +212,10 @@ def main():
         agents(options.episodes or 20)
     elif options.what == "driver":
         driver(options.seconds, options.cores, options.episodes or 5_000)
+    elif options.what == "shards":
+        shards(options.seconds, options.cores, options.episodes or 2_000)
+    elif options.what == "merge":
+        merging(options.episodes or 5_000)
     else:
         workers(options.episodes or 1_000)
 

@@ -61,7 +61,9 @@ def test_wind_is_felt():
 
 
 def test_nothing_is_printed_by_the_library():
-    flight = "fly_track(track_along(np.array([[0.0, 0.0], [9.0, 0.0]]), np.zeros(2), speed=4.0, acceleration=2.0, tolerance=1.0)"
+    flight = (
+        "fly_track(track_along(np.array([[0.0, 0.0], [9.0, 0.0]]), np.zeros(2), speed=4.0, acceleration=2.0, tolerance=1.0)"
+    )
     code = f"""
 import numpy as np
 from uavbench.flight.quadrotor import fly_track

@@ -66,7 +66,7 @@ def bound_episodes(
     tasks = [(number, known.get(number, Known(number)).best_known, flights.get(number)) for number in numbers]
     bounder = _Bounder(scenario, seconds)
     if isinstance(workers, Cluster):
-        yield from work_on(workers, _bound_there, (pack_scenario(scenario), seconds), tasks)
+        yield from work_on(workers, _bound_there, (pack_scenario(scenario), seconds), lambda _: tasks)
     elif workers == 1:
         for task in tasks:
             yield from bounder(task)

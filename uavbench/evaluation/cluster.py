@@ -47,7 +47,7 @@ class Cluster:
     size: int = field(default=0, init=False)
 
 
-def work_on(cluster: Cluster, work: Work, sent: Any, pieces: Sequence[Any]) -> Generator[Any]:
+def work_on(cluster: Cluster, work: Work, sent: Any, pieces: Callable[[int], Iterable[Any]]) -> Generator[Any]:
     """Do pieces of work on a cluster, and yield each result soon after its piece is done.
 
     Parameters
@@ -57,8 +57,8 @@ def work_on(cluster: Cluster, work: Work, sent: Any, pieces: Sequence[Any]) -> G
         ``work(sent, piece)`` yields the results of a piece; a function of a module, as engines send it by its name.
     sent : object
         What all pieces need; it is sent to each machine once.
-    pieces : sequence
-        The work.
+    pieces : callable
+        ``pieces(cores)`` returns the work, cut into pieces for so many cores.
 
     Raises
     ------
@@ -67,8 +67,8 @@ def work_on(cluster: Cluster, work: Work, sent: Any, pieces: Sequence[Any]) -> G
     UavbenchError
         What ``work`` raises. The results that were there before have been yielded.
     """
-    missing, tries = dict(enumerate(pieces)), 0
     with _connected(cluster) as answers:
+        missing, tries = dict(enumerate(pieces(cluster.size))), 0
         while missing:
             try:
                 for number, answer in answers(work, sent, list(missing.items())):

@@ -8,7 +8,7 @@ from uavbench.evaluation.parcel import Parcel, pack, unpack
 
 #: A number of worker processes, or a cluster.
 Crew = int | Cluster
-_PIECE = 10  # episodes of a piece if the agent flies them one by one
+_MOST = 50  # episodes of a piece if the agent flies them one by one
 
 
 def evaluate_with(crew: Crew, job: Job, numbers: Sequence[int]) -> Generator[EpisodeRecord]:
@@ -24,13 +24,29 @@ def evaluate_with(crew: Crew, job: Job, numbers: Sequence[int]) -> Generator[Epi
     if not isinstance(crew, Cluster):
         yield from evaluate(job, numbers, crew)
         return
-    size = job.batch_size if job.source.call(job.scenario) == "act_batch" else _PIECE
-    yield from work_on(crew, _fly, pack(job), [numbers[k : k + size] for k in range(0, len(numbers), size)])
+    yield from work_on(crew, _fly, pack(job), lambda cores: pieces(job, numbers, cores))
 
 
 def crew_size(crew: Crew) -> int:
     """Return how many processes fly."""
     return crew.size if isinstance(crew, Cluster) else crew
+
+
+def pieces(job: Job, numbers: Sequence[int], cores: int) -> list[Sequence[int]]:
+    """Cut episodes into pieces, so that all cores have work.
+
+    Each piece costs the driver some milliseconds, so they are large at first; the last ones are small, so that no core has to
+    wait long for another. An agent that decides for many episodes at once has pieces of one size.
+    """
+    cores, together = max(1, cores), job.source.call(job.scenario) == "act_batch"  # machines may still join
+    found: list[Sequence[int]] = []
+    done, size = 0, min(job.batch_size, -(-len(numbers) // cores))
+    while done < len(numbers):
+        if not together:
+            size = min(_MOST, max(1, (len(numbers) - done) // (2 * cores)))
+        found.append(numbers[done : done + size])
+        done += size
+    return found
 
 
 def _fly(parcel: Parcel, numbers: Sequence[int]) -> Iterator[EpisodeRecord]:
