@@ -20,7 +20,9 @@ PUBLISHED = {("DDQN (paper)", scenario) for scenario in ("overall", *PAPER_SCENA
 def test_a_board_is_built_beside_the_submissions_and_again_to_the_same_bytes(submissions):
     board = build(submissions, workers=2)
     folder = submissions.parent
-    assert sorted(path.name for path in folder.iterdir()) == ["index.html", "leaderboard.csv", "owners.toml", "submissions"]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        *("best_known", "best_known.html", "index.html", "leaderboard.csv", "owners.toml", "submissions")
+    ]
     assert board.refused == []
     found = {(row["scenario"], row["name"]): row for row in rows(folder)}
     for scenario in ("Block8-CPP-v0", "Block8-DH-v0"):

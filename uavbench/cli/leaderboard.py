@@ -38,7 +38,8 @@ def submit(
     """Make a submission to the leaderboard.
 
     Each result must be of all test episodes of one scenario. Every action is replayed first. Then a manifest, the actions and
-    the episodes are written to OUT/<name>/<scenario>.
+    the episodes are written to OUT/<name>/<scenario>. Flights that are better than all before are kept in best_known/ beside
+    OUT.
     """
     from rich.console import Console
 
@@ -49,13 +50,24 @@ def submit(
 
     try:
         loaded = [load_result(folder) for folder in results]
+        best: list[tuple[str, int]] = []
         with working(Console(stderr=True), "replaying", len(loaded)) as advance:
             told = {"name": name, "link": link, "method": method, "training": training, "hardware": hardware}
-            folders = make_submission(loaded, out, authors=authors, on_checked=advance, **told)
+            folders = make_submission(
+                loaded,
+                out,
+                authors=authors,
+                on_checked=advance,
+                on_best=lambda scenario, count: best.append((scenario, count)),
+                **told,
+            )
     except UavbenchError as error:
         raise fail(error) from None
     for folder in folders:
         typer.echo(folder)
+    for scenario, count in best:
+        if count:
+            typer.echo(f"{scenario}: {count:,} flights are now the best known ones")
 
 
 @app.command(epilog="\b\nExample:\n  uavbench leaderboard verify leaderboard/submissions/my-agent")

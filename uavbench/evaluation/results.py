@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavbench.errors import UavbenchError, one_line
+from uavbench.evaluation.actions_file import ACTIONS, ACTIONS_BYTES, pack_actions, read_actions
 from uavbench.evaluation.cities import Spread, spread_over_cities
 from uavbench.evaluation.evaluate import EpisodeRecord, Job
 from uavbench.evaluation.metrics import CONFIDENCE, METRICS, ROUNDING, Interval, summarise
@@ -31,10 +32,7 @@ from uavbench.world.files import (
     finish_moves,
     make_folder,
     moved_together,
-    pack_arrays,
-    read_bounded,
     read_text,
-    unpack_arrays,
     write_together,
 )
 from uavbench.world.resources import scenario_paths
@@ -55,9 +53,6 @@ COLUMNS = {
     "blocked": "blocked",
     "return": "total_reward",
 }
-
-
-_MAX_BYTES = 2**26  # of a result's actions.npz; for the paper's scenarios it takes 0.2 MB
 _SUMMARY_BYTES = 2**20
 
 
@@ -148,28 +143,10 @@ class Result:
         ResultError
             When the file is damaged.
         """
-        path = self.folder / "actions.npz"
         try:
-            table = unpack_arrays(read_bounded(path, _MAX_BYTES), _MAX_BYTES)
-            episodes: int = self.summary["episodes"]
-            if table.keys() != {"actions", "offsets", "episodes"}:
-                raise ValueError("its arrays are not actions, offsets and episodes")
-            if table["episodes"].shape != (episodes,) or table["offsets"].shape != (episodes + 1,):
-                raise ValueError(f"does not hold the episodes 0 to {episodes - 1}")
-            if {table[name].dtype.kind for name in ("offsets", "episodes")} != {"i"}:
-                raise ValueError("its offsets and episodes are no signed integers")
-            actions, offsets = (
-                table["actions"].astype(np.uint8, casting="equiv"),
-                table["offsets"].astype(np.int64, casting="same_kind"),
-            )
-            if offsets[0] != 0 or offsets[-1] != len(actions) or (offsets[1:] < offsets[:-1]).any():
-                raise ValueError("its offsets do not cut the actions into episodes")
-            parts = np.split(actions, offsets[1:-1])
-            return dict(zip(table["episodes"].tolist(), parts, strict=True))
+            return read_actions(self.folder / ACTIONS, self.summary["episodes"])
         except FileError as error:
             raise ResultError(str(error)) from None
-        except (KeyError, ValueError, TypeError, IndexError) as error:
-            raise ResultError(f"{path}: damaged: {one_line(error)}") from None
 
 
 def numbered(found: Collection[int], episodes: int) -> bool:
@@ -220,7 +197,7 @@ def load_result(folder: str | Path) -> Result:
         finish_moves(folder.parent)
     try:
         summary = json.loads(read_text(path, _SUMMARY_BYTES))
-        for name, most in {"episodes.csv": TABLE_BYTES, "actions.npz": _MAX_BYTES}.items():
+        for name, most in {"episodes.csv": TABLE_BYTES, ACTIONS: ACTIONS_BYTES}.items():
             check_plain(folder / name, most)
         return checked_result(folder, summary)
     except NoFileError as error:
@@ -348,11 +325,7 @@ def publish(
             "platform": platform.platform(),
         },
     }
-    actions = {
-        "actions": np.concatenate([record.actions for record in records]),
-        "offsets": np.cumsum([0, *(len(record.actions) for record in records)]),
-        "episodes": np.array([record.episode for record in records]),
-    }
+    actions = pack_actions([record.episode for record in records], [record.actions for record in records])
     make_folder(folder.parent)
     with moved_together(folder.parent) as staging:
         new = staging / folder.name
@@ -363,5 +336,5 @@ def publish(
         new.mkdir(exist_ok=True)
         (new / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
         table_of(records).to_csv(new / "episodes.csv", index=False, lineterminator="\n")
-        (new / "actions.npz").write_bytes(pack_arrays(actions, compress=True))
+        (new / ACTIONS).write_bytes(actions)
     return Result(folder, summary)

@@ -11,6 +11,9 @@ from typing import Any, cast
 import joblib  # pyright: ignore[reportMissingTypeStubs]
 
 from uavbench.evaluation.evaluate import EpisodeRecord
+from uavbench.leaderboard.best_known import FOLDER as BEST_KNOWN
+from uavbench.leaderboard.best_known import BestKnown, best_known_files, changes, improved, load_all, today
+from uavbench.leaderboard.best_known_page import best_known_text
 from uavbench.leaderboard.flown import FILE as FLOWN
 from uavbench.leaderboard.flown import load_flown, safety
 from uavbench.leaderboard.owners import FILE as OWNERS
@@ -21,6 +24,7 @@ from uavbench.leaderboard.reruns import load_reruns
 from uavbench.leaderboard.submission import MANIFEST, Submission, SubmissionError, check, load_submission
 from uavbench.leaderboard.table import table_text
 from uavbench.world.files import finish_moves, write_together
+from uavbench.world.scenario import Scenario
 
 _LONGEST = 300  # characters of a line that says why a submission is refused
 
@@ -120,15 +124,16 @@ def _look_alone(folder: Path) -> Held | str:
 
 
 def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None] = lambda folder: None) -> Board:
-    """Replay all submissions, then write ``leaderboard.csv``, ``index.html`` and ``owners.toml`` beside their folder.
+    """Replay all submissions, then write ``leaderboard.csv``, the pages and ``owners.toml`` beside their folder.
 
-    When all are refused, the board has no rows and no file changes.
+    Flights that are better than the best known ones are added to these; see `uavbench.leaderboard.best_known`. When all
+    submissions are refused, the board has no rows and no file changes.
 
     Raises
     ------
     SubmissionError
-        When there are no submissions, only one agent's folder is given, ``owners.toml``, ``reruns.csv`` or ``flown.csv`` is
-        damaged, or the files cannot be written. No file changes then.
+        When there are no submissions, only one agent's folder is given, ``owners.toml``, ``reruns.csv``, ``flown.csv`` or
+        a file of the best known flights is damaged, or the files cannot be written. No file changes then.
     ResultError
         When a scenario's table of upper bounds and best known scores is damaged.
     """
@@ -147,12 +152,29 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
         Entry(submission, flown, reruns.get(submission.label), tuple(safety(physics, submission))) for submission, flown in held
     ]
     rows = rank(entries)
-    texts = {"leaderboard.csv": table_text(rows), "index.html": page_text(rows, entries), OWNERS: owners_text(owners)}
+    best, new = _best_known(folder / BEST_KNOWN, held)
+    texts = {
+        "leaderboard.csv": table_text(rows),
+        "index.html": page_text(rows, entries),
+        "best_known.html": best_known_text(best, entries),
+        OWNERS: owners_text(owners),
+    }
     try:
-        write_together({folder / name: text.encode() for name, text in texts.items()})
+        write_together({folder / name: text.encode() for name, text in texts.items()} | new)
     except OSError as error:
         raise SubmissionError(f"{error.filename or folder}: cannot write it: {error.strerror or error}") from None
     return Board(rows, [*refused, *others], _alike(held, list(owners)))
+
+
+def _best_known(folder: Path, held: Sequence[Held]) -> tuple[dict[str, tuple[Scenario, BestKnown]], dict[Path, bytes]]:
+    """Return the best known flights of all scenarios, and the contents of the files of those that submissions improve."""
+    before = load_all(folder, [submission.scenario for submission, _ in held])
+    after = dict(before)
+    for submission, flown in held:
+        scenario, known = after[submission.scenario.id]
+        after[scenario.id] = scenario, improved(known, submission, flown, today())
+    changed = [name for name in after if changes(before[name][1], after[name][1])]
+    return after, {path: text for name in changed for path, text in best_known_files(folder, *after[name]).items()}
 
 
 def _owned(held: Sequence[Held], owners: Owners) -> tuple[list[Held], list[str]]:

@@ -37,7 +37,7 @@ def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
     scenarios = {entry.submission.scenario.id: entry.submission.scenario for entry in watched}
     hidden = {entry.submission.scenario.id for entry in entries} - scenarios.keys()
     folders = {entry.submission.manifest.name: entry.submission.manifest.folder for entry in watched}
-    elsewhere = next((count for count in _ELSEWHERE if _actions(watched, count) <= _ROOM), _ELSEWHERE[-1])
+    elsewhere = _shown_elsewhere(watched)
     columns: list[dict[str, Any]] = []
     data = {
         "rows": [
@@ -49,20 +49,20 @@ def page_text(rows: Sequence[Row], entries: Sequence[Entry]) -> str:
         "columns": columns,
         "flights": {entry.submission.label: _flights(entry, elsewhere) for entry in watched},
     }
-    return _filled(json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"))
+    return filled("page.html", data)
 
 
-def _filled(data: str) -> str:
-    """Return the page that shows ``data``, which is JSON without a ``<``."""
-    parts = {
-        "CSS": _asset("page.css"),
-        "DATA": data,
-        "WORLD": _asset("world.js"),
-        "VIEWER": _asset("viewer.js"),
-        "SCATTER": _asset("scatter.js"),
-        "BOARD": _asset("board.js"),
-    }
-    return re.sub(r"/\*([A-Z]+)\*/", lambda mark: parts[mark[1]], _asset("page.html"))
+def filled(template: str, data: Any) -> str:
+    """Return a page: a template in which each mark like ``/*board.js*/`` is replaced by that file, and ``/*DATA*/`` by data."""
+    text = json.dumps(data, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
+    return re.sub(r"/\*(DATA|[\w.]+\.(?:js|css))\*/", lambda m: text if m[1] == "DATA" else _asset(m[1]), _asset(template))
+
+
+def watchable(entries: Sequence[Entry]) -> dict[str, int]:
+    """Return how many of its flights, from episode 0 on, the page shows of each entry, by its label."""
+    watched = [entry for entry in entries if _is_shown(entry.submission.scenario)]
+    elsewhere = _shown_elsewhere(watched)
+    return {entry.submission.label: _shown(entry.submission.scenario, elsewhere) for entry in watched}
 
 
 def _asset(name: str) -> str:
@@ -132,6 +132,11 @@ def _actions(entries: Sequence[Entry], elsewhere: int) -> int:
     """Return how many actions the shown flights have."""
     shown = (record for entry in entries for record in entry.flown[: _shown(entry.submission.scenario, elsewhere)])
     return sum(record.actions.size for record in shown)
+
+
+def _shown_elsewhere(watched: Sequence[Entry]) -> int:
+    """Return how many flights are shown on scenarios other than the paper's."""
+    return next((count for count in _ELSEWHERE if _actions(watched, count) <= _ROOM), _ELSEWHERE[-1])
 
 
 def _shown(scenario: Scenario, elsewhere: int) -> int:

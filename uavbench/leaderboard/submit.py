@@ -12,6 +12,8 @@ import tomli_w
 from pydantic import ValidationError
 
 from uavbench.evaluation.results import Result
+from uavbench.leaderboard.best_known import FOLDER as BEST_KNOWN
+from uavbench.leaderboard.best_known import best_known_files, changes, improved, load_best_known, today
 from uavbench.leaderboard.owners import FILE as OWNERS
 from uavbench.leaderboard.owners import Owners, load_owners, why_not_its_own
 from uavbench.leaderboard.submission import (
@@ -24,7 +26,7 @@ from uavbench.leaderboard.submission import (
     load_submission,
     shipped,
 )
-from uavbench.world.files import ARRAYS_BYTES, FileError, make_folder, read_bounded, read_toml, replace_folders
+from uavbench.world.files import ARRAYS_BYTES, FileError, make_folder, read_bounded, read_toml, replace_folders, write_together
 
 
 def submit(
@@ -38,8 +40,12 @@ def submit(
     training: str = "",
     hardware: str = "",
     on_checked: Callable[[Path], None] = lambda folder: None,
+    on_best: Callable[[str, int], None] = lambda scenario, count: None,
 ) -> list[Path]:
     """Make a submission of each result; all are replayed first, and nothing is written if one is refused.
+
+    Flights that are better than all that were submitted before become the best known flights of their episodes:
+    `uavbench.leaderboard.best_known`.
 
     Returns
     -------
@@ -49,7 +55,8 @@ def submit(
     Raises
     ------
     SubmissionError
-        When a result, or what the arguments say about it, cannot be submitted.
+        When a result, or what the arguments say about it, cannot be submitted, or when the files of the best known flights are
+        damaged.
     """
     if not results:
         raise SubmissionError("no results: give folders that uavbench evaluate wrote")
@@ -60,8 +67,15 @@ def submit(
         with tempfile.TemporaryDirectory(prefix=".new-", dir=submissions) as staging:
             made = [_write(result, told, Path(staging)) for result in results]
             loaded = [load_submission(new) for new in made]
+            best = submissions.resolve().parent / BEST_KNOWN
+            files: dict[Path, bytes] = {}
+            counts: dict[str, int] = {}
             for submission in loaded:
-                check(submission)
+                known = load_best_known(best, submission.scenario)
+                better = improved(known, submission, check(submission), today())
+                counts[submission.scenario.id] = changes(known, better)
+                if counts[submission.scenario.id]:
+                    files |= best_known_files(best, submission.scenario, better)
                 on_checked(submission.folder)
             folders = [submissions / new.relative_to(staging) for new in made]
             manifests = [submission.manifest for submission in loaded]
@@ -69,8 +83,11 @@ def submit(
             _check_owner(manifests[0], load_owners(submissions.resolve().parent / OWNERS))
             make_folder(folders[0].parent)
             replace_folders(dict(zip(folders, made, strict=True)))
+            write_together(files)
     except OSError as error:
         raise SubmissionError(f"{error.filename or submissions}: {error.strerror or error}") from None
+    for scenario, count in counts.items():
+        on_best(scenario, count)
     return folders
 
 
