@@ -1,5 +1,6 @@
 """Submissions of cheap agents, made once, and a browser for the page."""
 
+import json
 import re
 import shutil
 from pathlib import Path
@@ -11,8 +12,8 @@ from uavbench.agents.agent import find_agent
 from uavbench.evaluation.evaluate import Job
 from uavbench.evaluation.results import load_result
 from uavbench.evaluation.run import run
-from uavbench.leaderboard import page as pages
 from uavbench.leaderboard.board import build
+from uavbench.leaderboard.page import filled
 from uavbench.leaderboard.submit import submit
 
 CHROMIUM = shutil.which("chromium")
@@ -97,5 +98,5 @@ def official(tmp_path_factory):
     data = re.search(r'id="data">(.*?)</script>', text, re.DOTALL)
     assert data is not None
     path = tmp_path_factory.mktemp("official") / "index.html"
-    path.write_text(pages._filled(data[1]), encoding="utf-8")
+    path.write_text(filled("page.html", json.loads(data[1])), encoding="utf-8")
     return path

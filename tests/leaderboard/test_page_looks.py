@@ -44,6 +44,15 @@ def test_nothing_is_wider_than_the_page_and_everything_can_be_tapped(official, o
         page.wait_for_function("!document.querySelector('#step').textContent.startsWith('1/')")
 
 
+@pytest.mark.parametrize("size", SIZES)
+def test_the_best_known_flights_fit_the_page_and_can_be_tapped(board, opened, size):
+    page = opened(board.with_name("best_known.html"), **SIZES[size])
+    page.select_option("#scenario", "Block8-CPP-v0")
+    assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[size]["viewport"]["width"]
+    page.evaluate("[...document.querySelectorAll('#best tbody tr')].slice(20).forEach((row) => row.remove())")  # it takes long
+    assert page.evaluate(SHORT_OR_COVERED) == []
+
+
 def test_play_and_pause_are_drawn(board, opened):
     """Their letters are missing in some fonts."""
     page = opened(board)
