@@ -38,6 +38,19 @@ def means(table):
     return found.join(groups.size().rename("flights"))
 
 
+def markdown(found):
+    """Return the table of docs/flight.md: a line for each agent on each scenario, with a value for each speed."""
+    speeds = " / ".join(f"{speed:g}" for speed in found.index.unique("speed"))
+    heads = [f"safe, % at {speeds} m/s", "CR, %", "CR as flown − CR, points", "time, s", "energy, Wh", "least clearance, m"]
+    lines = [f"| scenario | agent | {' | '.join(heads)} |", f"| --- | --- |{' ---: |' * len(heads)}"]
+    for (scenario, agent), rows in found.groupby(level=["scenario", "agent"]):
+        columns = {"safe": 0, "cr": 1, "difference": 1, "seconds": 0, "energy": 1, "clearance": 1}
+        cells = [" / ".join(f"{value + 0.0:.{digits}f}" for value in rows[name]) for name, digits in columns.items()]
+        cells[1] = cells[1].split(" / ")[0]  # on the grid there is no speed
+        lines.append(f"| {scenario.removesuffix('-v0')} | {agent} | {' | '.join(cells).replace('-0.0', '0.0')} |")
+    return "\n".join(lines)
+
+
 def draw(found, path):
     """Draw safe flights, CR as flown less CR on the grid, and energy against the speed, a line for each agent."""
     by_agent = found.reset_index().groupby(["agent", "speed"])[["safe", "difference", "energy"]].mean()
@@ -62,7 +75,8 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("runs/flown.png"))
     options = parser.parse_args()
     found = means(flights(options.board))
-    print(found.round(1).to_string())
+    print(markdown(found))
+    print(f"\n{int(found['flights'].sum())} flights, largest distance off the path {found['off_track'].max():.1f} m")
     draw(found, options.out)
 
 
