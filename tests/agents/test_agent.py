@@ -49,7 +49,7 @@ def test_it_decides_by_the_method_that_fits_the_scenario(name, alone, team):
         (
             "gredy",
             "built in are belief_planner, boustrophedon, ddqn, greedy, imitation, macro_ppo, orienteering, planner, ppo, "
-            "random, tsp",
+            "quick_planner, random, tsp",
         ),
         ("missing.py", "missing.py: there is no such file"),
         ("missing.py:Class", "missing.py: there is no such file"),

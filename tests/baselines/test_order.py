@@ -23,7 +23,7 @@ EPISODES = 100
 @pytest.mark.parametrize("city", ["Manhattan32", "Urban50"])
 def test_each_planner_beats_the_one_before(city, mission, tmp_path):
     scenario = load_scenario(f"{city}-{mission}-v0")
-    names = ["random", "boustrophedon" if mission == "CPP" else "tsp", "orienteering", "planner"]
+    names = ["random", "boustrophedon" if mission == "CPP" else "tsp", "orienteering", "planner", "greedy", "quick_planner"]
     results = [run(Job(find_agent(name), scenario, "test"), EPISODES, tmp_path, workers=2) for name in names]
     for result in results[1:]:
         assert result.metrics["landed"].mean == 1.0
@@ -31,6 +31,8 @@ def test_each_planner_beats_the_one_before(city, mission, tmp_path):
     for k in (1, 2):
         assert compare(cral[k], cral[k - 1]).difference.low > 0, names[k]
     assert cral[3].mean() >= cral[2].mean()
+    assert compare(cral[5], cral[4]).difference.low > 0.02
+    assert 0 < cral[3].mean() - cral[5].mean() < 0.05
 
     known = load_reference(reference_path(scenario), scenario)
     bound = np.array([known[k].upper_bound for k in range(EPISODES)])

@@ -8,6 +8,7 @@ import uavbench
 from uavbench import load_scenario
 from uavbench.agents.agent import find_agent
 from uavbench.envs.parallel_env import UAVParallelEnv
+from uavbench.evaluation.evaluate import Job, evaluate
 from uavbench.planning import coverage, harvesting
 from uavbench.simulation.state_view import StateView
 
@@ -50,6 +51,14 @@ def test_teams_always_land_and_beat_greedy(mission):
         assert ours["landed"]
         better.append(ours["cral"] - theirs["cral"])
     assert np.mean(better) > 0.0
+
+
+@pytest.mark.parametrize("name", ["Manhattan32-CPP-v0", "Urban50-DH-v0", "Urban50-CPP-Team-v0", "Block8-DH-v0"])
+def test_the_quick_one_lands_too_and_is_the_same_again(name):
+    job = Job(find_agent("quick_planner"), load_scenario(name), "validation")
+    flown = [[record.actions.tobytes() for record in evaluate(job, range(4))] for _ in range(2)]
+    assert flown[0] == flown[1]
+    assert all(record.landed for record in evaluate(job, range(12)))
 
 
 @pytest.mark.slow

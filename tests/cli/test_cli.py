@@ -88,7 +88,7 @@ def test_help_has_examples_for_every_command(call):
         (
             ["evaluate", "--agent", "gredy"],
             "built in are belief_planner, boustrophedon, ddqn, greedy, imitation, macro_ppo, orienteering, planner, ppo, "
-            "random, tsp",
+            "quick_planner, random, tsp",
         ),
         (["evaluate", "--agent", "random", "--scenario", "Block9"], "unknown scenario"),
         (["evaluate", "--agent", "random", "--split", "tset"], "--split"),

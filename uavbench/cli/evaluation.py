@@ -29,7 +29,8 @@ def evaluate(
         str,
         typer.Option(
             help="path.py, path.py:Class, package.module:Class, a .safetensors or .onnx file, or a built-in agent: "
-            "belief_planner, boustrophedon, ddqn, greedy, imitation, orienteering, planner, ppo, random, tsp."
+            "belief_planner, boustrophedon, ddqn, greedy, imitation, orienteering, planner, ppo, quick_planner, "
+            "random, tsp."
         ),
     ],
     scenario: Annotated[
