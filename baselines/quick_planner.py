@@ -1,7 +1,8 @@
 """Quick planner: the flights of `planner` from one short search, for labels, roll-outs and comparisons at equal time.
 
-`planner` spends most of its time on the last one to five points. One search with a few changes finds nearly the same flights, in
-about the time that `greedy` takes. In DH it looks at what is really left every 16 steps, and on large maps every four.
+`planner` spends most of its time on the last one to five points. One search with a few changes finds nearly the same flights,
+in about the time that `greedy` takes. In DH it looks at what is really left every 16 steps only, and on large maps as often as
+`planner`.
 """
 
 import planner
@@ -10,12 +11,10 @@ import planner
 class Agent(planner.Agent):
     """Follows the best flights that one short search finds."""
 
-    mending_changes = 200
-
     def __init__(self, scenario):
         super().__init__(scenario)
         self.searches, self.changes, self.refined = 1, 50 if self._harvests else 40, 0
         if self._large:
             self.changes, self.tour_changes = 150, 1_000_000
         else:
-            self.mending_interval = 16
+            self.mending_interval, self.mending_changes = 16, 200

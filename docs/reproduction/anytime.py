@@ -3,8 +3,8 @@
 Usage: python docs/reproduction/anytime.py [--episodes 100] [--out runs/anytime]
 
 Flies the first validation episodes of the paper's scenarios: `planner` with searches from short to ten times the default,
-`quick_planner`, `orienteering`, `boustrophedon` or `tsp`, and `greedy`. Points that are in ``anytime.csv`` in the folder ``--out``
-are not flown again. Writes ``anytime.csv`` and ``anytime.png`` there, and prints a table. Times are of this machine, alone.
+`quick_planner`, `orienteering`, `boustrophedon` or `tsp`, and `greedy`. Points that ``anytime.csv`` in the folder ``--out`` has
+are not flown again. Writes ``anytime.csv`` and ``anytime.png`` there, and prints the points. Nothing else should run meanwhile.
 """
 
 import argparse
