@@ -143,7 +143,7 @@ def test_the_same_rows_give_the_same_text_and_text_cannot_be_a_formula():
     lines = table_text([replace(rows[0], training='=cmd|"x"!A1', gap_to_bound=-1e-9)]).splitlines()
     assert lines[0].split(",") == list(COLUMNS)
     assert "'=cmd" in lines[1]
-    assert lines[1].endswith(",0.00,4000,3212")
+    assert lines[1].endswith(",0.00,4000,3212,")
 
 
 # Statistics.

@@ -256,7 +256,7 @@ def shorter(table):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (shorter, "hold the episodes"),
+        (shorter, "hold 1000 episodes"),
         (lambda t: t.update(actions=t["actions"].astype(np.int64)), "damaged"),
         (lambda t: t.update(actions=t["actions"][:, 0]), "whole episode"),
         (lambda t: t.update(actions=t["actions"] + 6), "whole episode"),
@@ -270,8 +270,8 @@ def shorter(table):
         (lambda t: t.update(more=np.zeros(3)), "its arrays are not"),
         (lambda t: t.update(episodes=t["episodes"].astype(np.complex128)), "no signed integers"),
         (lambda t: t.update(offsets=t["offsets"].astype(np.uint64)), "no signed integers"),
-        (lambda t: t.update(offsets=np.zeros(10**7, dtype=np.uint8)), "hold the episodes"),
-        (lambda t: t.update(offsets=np.zeros((1001, 1), dtype=np.int64)), "hold the episodes"),
+        (lambda t: t.update(offsets=np.zeros(10**7, dtype=np.uint8)), "hold 1000 episodes"),
+        (lambda t: t.update(offsets=np.zeros((1001, 1), dtype=np.int64)), "hold 1000 episodes"),
     ],
 )
 def test_wrong_actions_are_refused(submissions, change, reason):
