@@ -57,7 +57,7 @@ def test_what_is_read_is_what_was_written(tmp_path):
 
 def test_flights_count_by_speed_and_for_their_own_actions_alone(greedy):
     rows = [of(greedy, zone=False), of(greedy, episode=4), of(greedy, speed=2.0, hit=True, zone=False), LINE]
-    assert safety(rows, greedy) == [Safety(2.0, 0, 1), Safety(5.0, 1, 2)]
+    assert safety(rows, greedy) == (Safety(2.0, 0, 1), Safety(5.0, 1, 2))
     missing = missing_flights([greedy], 5, (5.0,), rows)
     assert [number for _, number, _ in missing] == [0, 1, 2]
 
@@ -97,6 +97,7 @@ def test_a_damaged_file_is_named_with_its_line_and_nothing_changes(submissions, 
 def test_an_impossible_speed_is_refused(greedy, speed):
     told = uavbench("leaderboard", "fly", greedy.folder, "--episodes", 1, "--speed", speed)
     assert (told.exit_code, f"--speed {speed}: it must be from 0.2 to 20 m/s" in told.output) == (2, True), told.output
+    assert not (greedy.folder.parent.parent.parent / FILE).exists()
 
 
 def test_submissions_of_two_boards_are_not_flown_together(submissions, made, greedy):

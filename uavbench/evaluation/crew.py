@@ -38,14 +38,15 @@ def pieces(job: Job, numbers: Sequence[int], cores: int) -> list[Sequence[int]]:
     Each piece costs the driver some milliseconds, so they are large at first; the last ones are small, so that no core has to
     wait long for another. An agent that decides for many episodes at once has pieces of one size.
     """
-    cores, together = max(1, cores), job.source.call(job.scenario) == "act_batch"  # machines may still join
+    cores = max(1, cores)  # machines may still join
+    if job.source.call(job.scenario) == "act_batch":
+        size = min(job.batch_size, -(-len(numbers) // cores))
+        return [numbers[k : k + size] for k in range(0, len(numbers), size)]
     found: list[Sequence[int]] = []
-    done, size = 0, min(job.batch_size, -(-len(numbers) // cores))
-    while done < len(numbers):
-        if not together:
-            size = min(_MOST, max(1, (len(numbers) - done) // (2 * cores)))
-        found.append(numbers[done : done + size])
-        done += size
+    while numbers:
+        size = min(_MOST, max(1, len(numbers) // (2 * cores)))
+        found.append(numbers[:size])
+        numbers = numbers[size:]
     return found
 
 

@@ -88,9 +88,9 @@ def check_kept(folder: Path, kept: Kept, scenario: Scenario, split: SplitName) -
     ResultError
         When an episode has other numbers than its actions lead to.
     """
-    records = sorted(kept.records.values(), key=lambda record: record.episode)
-    unknown = [record for record in records if record.episode >= kept.identity["episodes"]]
-    flown = records[: len(records) - len(unknown)]
+    records, episodes = kept.records.values(), kept.identity["episodes"]
+    unknown = [record for record in records if record.episode >= episodes]
+    flown = [record for record in records if record.episode < episodes]
     again = fly_together(scenario, split, [record.episode for record in flown], [record.actions for record in flown])
     wrong = [record for record, found in zip(flown, again, strict=True) if found is None or not _alike(record, found)]
     if broken := wrong + unknown:

@@ -22,7 +22,8 @@ from uavbench.world.scenario import Scenario
 #: The split whose episodes have bounds.
 SPLIT = "test"
 _COLUMNS = ("episode", "upper_bound", "method", "seconds", "best_known", "agent", "proved_optimal", "scenario_digest")
-_DIGITS = 12  # of a scenario's digest: enough to tell scenarios apart
+#: How many digits of a scenario's digest tables have: enough to tell scenarios apart.
+DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def load_reference(path: Path, scenario: Scenario) -> Reference:
         if tuple(rows.fieldnames or ()) != _COLUMNS:
             raise ValueError(f"its columns are not {', '.join(_COLUMNS)}")
         for row in rows:
-            if row["scenario_digest"] != scenario.digest[:_DIGITS]:
+            if row["scenario_digest"] != scenario.digest[:DIGITS]:
                 raise ResultError(
                     f"{path}: scenario_digest: it is of another version of {scenario.id} ({row['scenario_digest']}): delete it"
                 )
@@ -140,7 +141,7 @@ def save_reference(path: Path, scenario: Scenario, known: Reference) -> None:
     writer.writerow(_COLUMNS)
     for number in sorted(known):
         k = known[number]
-        proved, digest = int(k.proved_optimal), scenario.digest[:_DIGITS]
+        proved, digest = int(k.proved_optimal), scenario.digest[:DIGITS]
         writer.writerow(
             [number, _text(k.upper_bound), k.method, f"{k.seconds:g}", _text(k.best_known), k.agent, proved, digest]
         )

@@ -14,7 +14,7 @@ from pathlib import Path
 from uavbench.evaluation.actions_file import pack_actions, read_actions
 from uavbench.evaluation.evaluate import EpisodeRecord
 from uavbench.evaluation.metrics import tolerance
-from uavbench.evaluation.reference import SPLIT
+from uavbench.evaluation.reference import DIGITS, SPLIT
 from uavbench.evaluation.replay import fly_together
 from uavbench.evaluation.spreadsheet import plain_cell
 from uavbench.leaderboard.submission import Submission, SubmissionError
@@ -25,7 +25,6 @@ from uavbench.world.scenario import Scenario, load_scenario
 #: The folder beside that of the submissions.
 FOLDER = "best_known"
 _COLUMNS = ("episode", "cral", "name", "authors", "date", "scenario_digest")
-_DIGITS = 12  # of a scenario's digest: enough to tell scenarios apart
 
 
 @dataclass(frozen=True)
@@ -89,10 +88,13 @@ def _read(table: Path, scenario: Scenario) -> dict[int, dict[str, str]]:
     rows: dict[int, dict[str, str]] = {}
     for row in reader:
         number = int(row["episode"])
-        if row["scenario_digest"] != scenario.digest[:_DIGITS]:
+        if None in row or None in row.values():
+            raise ValueError(f"line {reader.line_num} has too few or too many cells")
+        if row["scenario_digest"] != scenario.digest[:DIGITS]:
             raise ValueError(f"scenario_digest: it is of another version of {scenario.id}")
         if number in rows or not 0 <= number < scenario.splits.test.episodes:
             raise ValueError(f"episode {number} is there twice, or is no test episode")
+        float(row["cral"])
         datetime.date.fromisoformat(row["date"])
         rows[number] = row
     return rows
@@ -133,7 +135,7 @@ def best_known_files(folder: Path, scenario: Scenario, known: BestKnown) -> dict
     writer.writerow(_COLUMNS)
     for number, best in known.items():
         who = plain_cell(best.name), plain_cell(best.authors)
-        writer.writerow([number, repr(best.record.cral), *who, best.date, scenario.digest[:_DIGITS]])
+        writer.writerow([number, repr(best.record.cral), *who, best.date, scenario.digest[:DIGITS]])
     packed = pack_actions(list(known), [best.record.actions for best in known.values()])
     return {table: text.getvalue().encode(), actions: packed}
 

@@ -149,7 +149,7 @@ def build(submissions: Path, workers: int = 1, on_checked: Callable[[Path], None
     reruns = load_reruns(folder / "reruns.csv")
     physics = load_flown(folder / FLOWN)
     entries = [
-        Entry(submission, flown, reruns.get(submission.label), tuple(safety(physics, submission))) for submission, flown in held
+        Entry(submission, flown, reruns.get(submission.label), safety(physics, submission)) for submission, flown in held
     ]
     rows = rank(entries)
     best, new = _best_known(folder / BEST_KNOWN, held)

@@ -127,7 +127,9 @@ def _read(row: dict[str, str]) -> FlownEpisode:
     for field in fields(FlownEpisode):
         text = row[field.name]
         if field.type is bool:
-            values[field.name] = {"True": True, "False": False}[text]
+            if text not in ("True", "False"):
+                raise ValueError(f"{field.name} is {text}")
+            values[field.name] = text == "True"
         elif field.type is float:
             values[field.name] = float(text)
             if math.isnan(values[field.name]) or (math.isinf(values[field.name]) and field.name != "clearance"):
@@ -150,7 +152,6 @@ def save_flown(path: Path, rows: Iterable[FlownEpisode]) -> None:
     writer.writeheader()
     writer.writerows(asdict(row) for row in sorted(rows, key=lambda row: (row.submission, row.speed, row.episode)))
     try:
-        check_writable(path.parent)
         write_atomic(path, text.getvalue().encode())
     except OSError as error:
         raise SubmissionError(f"{path}: {error.strerror}: nothing was written") from None
@@ -200,19 +201,25 @@ def fly_missing(
         When the recorded actions are not those of a whole episode.
     """
     rows = {(row.submission, row.episode, row.speed): row for row in load_flown(path)}
-    save_flown(path, rows.values())  # so that a file that cannot be written is noticed before hours of flights
+    try:
+        check_writable(path.parent)  # before hours of flights
+    except OSError as error:
+        raise SubmissionError(f"{path}: {error.strerror}") from None
+    new = False
     one: Any = cast("Any", joblib).delayed(_flown)
     parallel: Any = joblib.Parallel(n_jobs=workers, return_as="generator_unordered")
     saved = time.monotonic()
     try:
         for row in parallel(one(each.folder, number, speed) for each, number, speed in flights):
             rows[row.submission, row.episode, row.speed] = row  # instead of one of other actions
+            new = True
             on_flown(row)
             if time.monotonic() - saved > _SECONDS:
                 save_flown(path, rows.values())
                 saved = time.monotonic()
     finally:
-        save_flown(path, rows.values())
+        if new:
+            save_flown(path, rows.values())
 
 
 def _flown(folder: Path, episode: int, speed: float) -> FlownEpisode:
@@ -236,11 +243,11 @@ def _flown(folder: Path, episode: int, speed: float) -> FlownEpisode:
     )
 
 
-def safety(rows: Iterable[FlownEpisode], submission: Submission) -> list[Safety]:
+def safety(rows: Iterable[FlownEpisode], submission: Submission) -> tuple[Safety, ...]:
     """Return how safe the flights of a submission were, by their speed. Flights of other actions do not count."""
     digest = actions_digest(submission)
     found: dict[float, list[bool]] = {}
     for row in rows:
         if (row.submission, row.actions_sha256) == (submission.label, digest):
             found.setdefault(row.speed, []).append(row.safe)
-    return [Safety(speed, sum(found[speed]), len(found[speed])) for speed in sorted(found)]
+    return tuple(Safety(speed, sum(found[speed]), len(found[speed])) for speed in sorted(found))
