@@ -1,8 +1,6 @@
-"""Quick planner: the flights of `planner` from one short search, for labels, roll-outs and comparisons at equal time.
+"""Quick planner: `planner` with one short search, for labels, roll-outs and comparisons at equal time.
 
-`planner` spends most of its time on the last few points of CRAL. One search with a few changes finds nearly the same flights,
-in about the time that `greedy` takes. In DH it looks at what is really left every 16 steps only, and on large maps as often as
-`planner`.
+In DH it improves the rest of the flights for what is really left only every 16 steps; on large maps as often as `planner`.
 """
 
 import planner
