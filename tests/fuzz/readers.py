@@ -25,6 +25,8 @@ from uavbench.evaluation.kept import FILE, read_kept
 from uavbench.evaluation.run import run_shard
 from uavbench.evaluation.shards import Shard
 from uavbench.geodata import CityOptions, import_city
+from uavbench.leaderboard.best_known import load_best_known
+from uavbench.leaderboard.flown import load_flown
 from uavbench.leaderboard.submission import check, load_submission
 from uavbench.world.cells import cells_of
 from uavbench.world.maps import map_picture
@@ -32,6 +34,7 @@ from uavbench.world.maps import map_picture
 ROOT = Path(__file__).parents[2]
 SCENARIOS = ROOT / "scenarios"
 BLOCK = load_scenario("Block8-CPP-v0")
+BEST_KNOWN = ROOT / "leaderboard" / "best_known"
 SUBMISSION = ROOT / "leaderboard" / "submissions" / "random" / "Block8-CPP-v0"
 
 
@@ -129,6 +132,24 @@ def _submitted(name: str) -> Callable[[Path], list[bytes]]:
     return lambda _folder: [(SUBMISSION / name).read_bytes()]
 
 
+def _best_known_reader(ending: str) -> Callable[[bytes, Path], None]:
+    def read(content: bytes, folder: Path) -> None:
+        for path in BEST_KNOWN.glob(f"{BLOCK.id}.*"):
+            (folder / path.name).write_bytes(content if path.suffix == ending else path.read_bytes())
+        load_best_known(folder, BLOCK)
+
+    return read
+
+
+def _best_known(ending: str) -> Callable[[Path], list[bytes]]:
+    return lambda _folder: [(BEST_KNOWN / f"{BLOCK.id}{ending}").read_bytes()]
+
+
+def _read_flown(content: bytes, folder: Path) -> None:
+    (folder / "flown.csv").write_bytes(content)
+    load_flown(folder / "flown.csv")
+
+
 def _read_records(content: bytes, folder: Path) -> None:
     (folder / FILE).write_bytes(content)
     read_kept(folder)
@@ -207,6 +228,9 @@ READERS = {
     "manifest": Reader(_submission_reader("manifest.toml"), _submitted("manifest.toml")),
     "actions": Reader(_submission_reader("actions.npz"), _submitted("actions.npz")),
     "episodes": Reader(_submission_reader("episodes.csv"), _submitted("episodes.csv")),
+    "best_known": Reader(_best_known_reader(".csv"), _best_known(".csv")),
+    "best_known_actions": Reader(_best_known_reader(".npz"), _best_known(".npz")),
+    "flown": Reader(_read_flown, lambda _folder: [(BEST_KNOWN.parent / "flown.csv").read_bytes()]),
     "records": Reader(_read_records, _records),
     "weights": Reader(_read_weights, _weights),
     "model": Reader(_read_model, _models, (UavbenchError, ValueError)),
